@@ -25,14 +25,13 @@ bool HasOwners(const TargetSpec& target) {
   return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
 }
 
-// What the path depends on. Values are taken to be the same all over a triangle: that is not known before the vertex
-// shader ran.
+// What the path depends on. Assumes that values are uniform over a triangle: the vertex shader, which decides it, has
+// not run yet.
 PathTarget PathTargetOf(const TargetSpec& spec) {
   return {spec.format, spec.blend, spec.components, spec.clear == 0, IsOccupancyBit(spec), OwnPresence(spec), true};
 }
 
-// The pool of bricks of Path::kBricks, over `layers` layers, and the list of owners that may come of it; 0 where there
-// is none.
+// Bytes of the brick pool of Path::kBricks for `layers` layers, and of the list of owners; 0 if the path has none.
 double PoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const Surface& surface, int64_t layers) {
   if (request.fill != Fill::kNone || request.targets.size() != 1) return 0;
   if (!FitsBricks(PathTargetOf(request.targets[0]), request.result)) return 0;
@@ -47,8 +46,8 @@ double BitsOf(const GridSpec& grid, int64_t layers) {
   return double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers}));
 }
 
-// The grids over a slab: dense targets, coverage, a fill's inside, bits and presence of targets that have their own,
-// and bits as the result packs them.
+// Bytes of the grids of a slab: dense targets, coverage, inside voxels of a fill, bits and presence of targets that
+// have their own, and bits packed for the result.
 double DeviceGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
   if (request.result == ResultKind::kBuckets) return 0;
   const bool dense = request.result == ResultKind::kDense, filled = request.fill != Fill::kNone;
@@ -68,8 +67,8 @@ double DeviceGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int
   return bytes;
 }
 
-// Of lists of triangles: what waits for another kernel (two queues), records and the blocks that they lie in, spans.
-// Triangles that touch many voxels have a span for each of their rows.
+// Bytes of per-triangle lists: two queues of deferred triangles, records and their block masks, spans. A triangle that
+// touches many voxels has a span for each of its rows.
 double RecordBytes(const MeshSize& mesh, const Surface& surface) {
   constexpr double kQueues = 2 * sizeof(uint32_t), kRecord = 2 * sizeof(uint64_t), kSpan = sizeof(uint64_t);
   constexpr double kManyVoxels = 16, kMore = 17.0 / 16;
@@ -88,8 +87,8 @@ double BucketListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
          surface.fragments * (pair + of_sort + (may_drop ? 1 : 0)) + places * 2 * sizeof(uint64_t);
 }
 
-// What targets blend without tiles: the values of all triangles, and accumulators of covered voxels where the target is
-// not blended in itself.
+// Bytes of scatter blending: values of all triangles, and accumulators of covered voxels for targets that are not
+// blended in place.
 double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers) {
   const bool sparse = request.result == ResultKind::kSparse;
@@ -108,13 +107,13 @@ double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
     if (owners) owner_list = 3 * sizeof(uint32_t) * (surface.voxels + (sparse ? surface.inside : 0));
     if (!sparse && BlendsInPlace(PathTargetOf(target))) continue;
     bytes += surface.voxels * (cell + count);
-    if (!std::exchange(ranked, true)) bytes += BitsOf(grid, layers);  // the ranks of words
+    if (!std::exchange(ranked, true)) bytes += BitsOf(grid, layers);  // rank of each word
   }
   return bytes + owner_list;
 }
 
-// The bricks in which bits of few triangles are drawn where the grid is much larger than the cache (bit_bricks.cu):
-// as many bits once more.
+// Bytes of the bricks into which few triangles are rasterized if the bit grid is much larger than the L2 cache
+// (bit_bricks.cu): as much as the bit grid.
 double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t layers) {
   constexpr double kLargeGrid = 160 << 20;  // four times the L2 cache of a large GPU
   const double x = double(grid.dims[0]), y = double(grid.dims[1]), z = double(layers), bits = BitsOf(grid, layers);
@@ -124,8 +123,8 @@ double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const 
 
 }  // namespace
 
-// Whether a target's value is uniform over a triangle is not known before the vertex shader ran: of the paths that may
-// be taken, the one that takes most counts.
+// The vertex shader decides whether a target's value is uniform over a triangle, and has not run yet: takes the maximum
+// over the possible paths.
 double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers) {
   if (PlainBits(request)) {
@@ -135,17 +134,18 @@ double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
   double bytes =
       std::max(DirectListBytes(request, grid, mesh, surface, layers), PoolBytes(request, grid, surface, layers));
-  if (request.result == ResultKind::kSparse) bytes += 24 * TilesOfGrid(grid, layers);  // bricks and voxels before each
+  // prefix counts of bricks and voxels
+  if (request.result == ResultKind::kSparse) bytes += 24 * TilesOfGrid(grid, layers);
   return bytes;
 }
 
 namespace {
 
-// Vertices in index space and triangles as the stages keep them for the whole run.
+// Vertices in index space, and triangles, which live for the whole run.
 double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
   const double vertices = double(mesh.vertices);
   double held = double(mesh.extent.held_bytes);
-  if (held == 0) {  // not there yet: positions and triangles, here and in pinned memory, and what a shader makes
+  if (held == 0) {  // not loaded yet: positions and triangles, on the device and in pinned memory, and shader outputs
     const double shaded = request.vertex_shader.name != "identity" ? sizeof(Vec3d) + sizeof(Vec3f) : 0;
     held = vertices * (2 * sizeof(Vec3d) + shaded) + double(mesh.triangles) * 2 * 3 * sizeof(uint32_t);
   }
@@ -153,19 +153,19 @@ double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
   return held + (places ? vertices * (sizeof(VertexCode) + sizeof(Vec3d)) : 0);
 }
 
-// The signed counters of a nonzero fill over `layers` layers: those of as many rows as take turns (parity_fill.cu).
+// Signed counters of a nonzero fill over `layers` layers, for the rows of one batch (parity_fill.cu).
 double SumBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
   if (request.fill != Fill::kNonzero) return 0;
-  constexpr double kOfBit = 32;  // bytes of counters, for a byte of bits
+  constexpr double kOfBit = 32;  // bytes of counters per byte of bits
   return std::min(kOfBit * BitsOf(grid, layers), std::max<double>(kMaxSumBytes, kOfBit * BitsOf(grid, 1)));
 }
 
-// All that a slab takes on the device besides the mesh. `surface`: of the slab.
+// Device bytes of a slab besides the mesh. `surface`: of the slab.
 double DeviceSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers) {
   double bytes = DeviceGridBytes(request, grid, layers) + DeviceListBytes(request, grid, mesh, surface, layers);
   if (request.result != ResultKind::kDense) bytes += ListBytes(request, surface, false);
-  // The shell, and what is reached from outside.
+  // Flood fill: the surface, and the voxels reached from outside.
   if (request.fill == Fill::kFlood) bytes += BitsOf(grid, layers) + BitsOf(grid, grid.dims[2]);
   return bytes + SumBytes(request, grid, layers);
 }
@@ -188,20 +188,20 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
   }
   const bool one_slab = out.slab_depth >= grid.dims[2];
   const Surface slab = MostOfSlab(surface, grid, out.slab_depth);
-  // While a dense slab is copied to the host another one is made.
+  // Two dense slabs are live at a time: one is rasterized while the other is copied to the host.
   const double at_once = dense && !one_slab ? 2 : 1;
   double device = MeshWorkBytes(request, mesh) + slab_bytes(out.slab_depth);
   if (dense && !one_slab) device += DeviceGridBytes(request, grid, out.slab_depth);
   double host = at_once * (dense ? DenseBytes(request, grid, out.slab_depth) : ListBytes(request, slab, true));
   if (!one_slab && dense && delivery == Delivery::kMemory) host += double(out.result_bytes);
-  // The lists of all slabs, and what they are joined to: pinned memory goes back to its pool, which keeps it.
+  // The lists of all slabs and the joined result. Pinned memory returns to its pool, which keeps it.
   if (!one_slab && !dense) {
     const double slabs = std::ceil(double(grid.dims[2]) / double(out.slab_depth));
     host = PooledPinned(HeldListBytes(request, surface, slab, slabs)) + ListBytes(request, surface, true);
   }
   Sum peak, listed;
   peak += kBaseBytes + device + host;
-  listed += kBaseBytes + device + (dense ? 0 : host);  // every array of the device asks
+  listed += kBaseBytes + device + (dense ? 0 : host);  // every device array asks before it grows
   out.peak_bytes = peak;
   out.list_bytes = listed;
   return out;
@@ -218,10 +218,10 @@ int64_t FittingSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, c
                          const Surface& surface, int64_t depth, uint64_t free_bytes) {
   if (PredictSlabBytes(request, grid, mesh, surface, depth) <= free_bytes) return depth;
   const bool dense = request.result == ResultKind::kDense;
-  int64_t layers = (depth + kSlabGranularity - 1) / kSlabGranularity;  // in units of it
+  int64_t layers = (depth + kSlabGranularity - 1) / kSlabGranularity;  // in units of kSlabGranularity
   const auto fits = [&] {
     const int64_t here = layers * kSlabGranularity;
-    const double copied = dense ? DenseBytes(request, grid, here) : 0;  // beside the next slab
+    const double copied = dense ? DenseBytes(request, grid, here) : 0;  // copied while the next slab runs
     Sum bytes;
     bytes += double(PredictSlabBytes(request, grid, mesh, surface, here)) + copied;
     if (dense) bytes += double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], here}));

@@ -1,5 +1,4 @@
-// The memory that a run takes on a CUDA device and of the host, predicted. No CUDA headers: the prediction is compiled
-// and tested without nvcc.
+// Predicts the device and host memory of a run. No CUDA headers: compiled and tested without nvcc.
 #pragma once
 
 #include <cstdint>
@@ -10,24 +9,23 @@
 
 namespace voxelpipe::cuda {
 
-// Backend::Predict (pipeline/stages/stages.h): of the host's memory and the device's together.
+// Implements Backend::Predict (pipeline/stages/stages.h): host and device memory together.
 Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                            const Surface& surface, const PlanLimits& limits, Delivery delivery);
 
-// Bytes of the lists that the stages make on the device, of a surface in `layers` layers.
+// Device bytes of the lists made by the stages, for a surface within `layers` layers.
 double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers);
 
-// Bytes of device memory that a slab of `layers` layers takes besides the mesh.
+// Device bytes of a slab of `layers` layers besides the mesh.
 uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                           const Surface& surface, int64_t layers);
 
-// Where slabs are cut for want of memory, a dense one has at most so many bytes: it is copied through pinned memory.
+// Maximum bytes of a dense slab if memory forces several slabs: slabs are copied through pinned memory.
 inline constexpr uint64_t kMaxSlabBytes = 1 << 30;
 
-// In: `depth`, the plan's layers of a slab, and `free_bytes` of device memory. Out: the layers of a slab for which the
-// prediction leaves room, at most `depth`, a multiple of kSlabGranularity unless it is `depth`, at least
-// kSlabGranularity.
+// `depth`: the plan's layers per slab; `free_bytes`: of device memory. Returns the layers per slab whose prediction
+// fits: at most `depth`, a multiple of kSlabGranularity unless it is `depth`, at least kSlabGranularity.
 int64_t FittingSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                          const Surface& surface, int64_t depth, uint64_t free_bytes);
 

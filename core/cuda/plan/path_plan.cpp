@@ -25,7 +25,7 @@ ValueSource SourceOf(const PathTarget& target) {
   return once ? ValueSource::kTriangles : ValueSource::kFragments;
 }
 
-// The targets that are not the occupancy bit: how many, and the last of them.
+// Number of targets that are not the occupancy bit, and the index of the last one.
 struct Values {
   int count = 0, last = 0;
 };
@@ -39,7 +39,7 @@ Values TargetsWithValues(const PathInputs& in) {
   return values;
 }
 
-// The path of targets that are blended by records, of which the plan has the sources.
+// The path of targets blended by records. The value sources of the plan are set already.
 Path BlendingPath(const PathInputs& in, const PathPlan& plan, bool bricks) {
   const Values values = TargetsWithValues(in);
   if (values.count != 1) return Path::kAccumulators;
@@ -50,7 +50,7 @@ Path BlendingPath(const PathInputs& in, const PathPlan& plan, bool bricks) {
   }
   if (!planned.in_place || !IsOrdered(target)) return Path::kAccumulators;
   if (target.components == 1) return Path::kInPlace;
-  // Triangles that are fetched ahead have 31 bits.
+  // Prefetched triangle ids have 31 bits.
   const bool numbers_fit = in.triangles < uint64_t{1} << 31;
   const bool float4 = target.components == 4 && target.format == VoxelFormat::kF32 && !in.planar;
   const bool fine = in.triangles >= in.fine_triangles && in.fixed_point;

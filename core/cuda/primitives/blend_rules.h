@@ -1,5 +1,5 @@
-// How fragments are blended on a device: in any order, so every blend is an atomic whose result no order changes. Floats
-// are kept as keys whose unsigned order is theirs. No host-only includes.
+// Blend rules on a device. Fragments arrive in any order, so every blend is an order-independent atomic. Floats are
+// kept as keys: an order-preserving unsigned encoding. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/views.h"
@@ -7,19 +7,19 @@
 
 namespace voxelpipe::cuda {
 
-// What is kept of a voxel.
+// The accumulator kind: what is stored per voxel while fragments are blended.
 enum class Kept : uint8_t {
-  kNothing,     // the coverage itself
-  kBitOr,       // a bit, set where any fragment's is
-  kBitAnd,      // a bit, clear where any fragment's is
-  kBitOfOwner,  // a bit, of the owner
-  kOwner,       // cells, of the owner
-  kMin,         // cells; floats as keys
+  kNothing,     // nothing: the coverage is the value
+  kBitOr,       // a bit, set if any fragment's is set
+  kBitAnd,      // a bit, clear if any fragment's is clear
+  kBitOfOwner,  // one bit of the owner (the triangle that wins the voxel)
+  kOwner,       // the owner's value, in 32-bit cells
+  kMin,         // 32-bit cells; floats as keys
   kMax,
   kOr,
   kAnd,
-  kSum,      // 64 bits a component
-  kAverage,  // likewise, and the number of fragments
+  kSum,      // 64 bits per component
+  kAverage,  // 64 bits per component, and the number of fragments
   kCount,    // the number of fragments
 };
 
@@ -39,12 +39,12 @@ VOXELPIPE_HD Kept KeptBy(const CudaTarget& t) {
   }
   return Kept::kNothing;
 }
-// True if what is kept of a voxel is blended from values alone, whichever triangle they are of.
+// True if the result depends on fragment values alone, not on which triangles they come from.
 VOXELPIPE_HD bool IsUniformKept(Kept kept) {
   return kept != Kept::kNothing && kept != Kept::kOwner && kept != Kept::kBitOfOwner;
 }
 
-// Unsigned order of keys is the order of OrderedLess (blend_ops.h).
+// Order-preserving encoding: unsigned order of keys is the order of OrderedLess (blend_ops.h).
 VOXELPIPE_HD uint32_t KeyOf(uint32_t float_bits) {
   return (float_bits >> 31) != 0 ? ~float_bits : float_bits | 0x80000000u;
 }

@@ -1,10 +1,11 @@
-// Places of a pool that are given to bricks of a grid while triangles are drawn: whoever touches one first takes one
-// for it (C. Crassin et al., "GigaVoxels", I3D 2009, has such a pool for rendering). A `Pool` has `places`, an element
-// a brick, `asked`, `capacity`, kWordsOfPlace, and what WordsOf and Name do.
+// Allocates slots of a fixed pool to bricks of a grid on demand, during rasterization: the first warp that touches a
+// brick takes a slot for it (cf. the brick pool of C. Crassin et al., "GigaVoxels", I3D 2009, for rendering). In the
+// code a slot is called a place. A `Pool` has `places` (the slot table, an element per brick), `asked` (a counter),
+// `capacity`, kWordsOfPlace, WordsOf and Name.
 //
-// A place that was not there before is read by an acquire, behind the clearing of who gave it. One that the L1 cache
-// has, or brings, is not: what is done to a place are atomics of the L2 cache, which has it cleared before anyone can
-// see it. No host-only includes.
+// Memory ordering: a new slot number is read by an acquire load, after the allocating warp cleared the slot. A slot
+// number found in the L1 cache needs no acquire: slots are accessed by atomics only, in the L2 cache, where the
+// clearing is complete before the number is visible. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -14,17 +15,17 @@
 
 namespace voxelpipe::cuda {
 
-// Elements of `places`. Others are kFirstPlace and the place's number.
-inline constexpr uint32_t kNoPlace = 0;       // none was asked for
-inline constexpr uint32_t kPlaceToCome = 1;   // a warp is about to give one
-inline constexpr uint32_t kNoMorePlaces = 2;  // there was none left
+// States of an element of `places`. Other values are kFirstPlace + slot number.
+inline constexpr uint32_t kNoPlace = 0;       // not allocated
+inline constexpr uint32_t kPlaceToCome = 1;   // a warp is allocating it
+inline constexpr uint32_t kNoMorePlaces = 2;  // the pool is full
 inline constexpr uint32_t kFirstPlace = 3;
 __device__ inline bool IsPlace(uint32_t place) {
   return place >= kFirstPlace;
 }
 
-// Gives a brick its place, empty, or waits until another warp has done so; every warp that gives one goes on without
-// waiting for others. All lanes of a warp call it, with the same brick.
+// Returns the brick's slot: allocates and clears it, or waits until another warp has done so. A warp that allocates
+// never waits, so there is no deadlock. All lanes of a warp call it with the same brick.
 template <typename Pool>
 __device__ __noinline__ inline uint32_t GivePlace(const Pool& pool, uint32_t brick) {
   const unsigned lane = threadIdx.x % 32;
@@ -36,7 +37,7 @@ __device__ __noinline__ inline uint32_t GivePlace(const Pool& pool, uint32_t bri
       if (lane == 0) place = LoadAcquire(pool.places + brick);
       place = __shfl_sync(~0u, place, 0);
     } while (place == kPlaceToCome);
-    __syncwarp();  // behind what lane 0 saw
+    __syncwarp();  // after what lane 0 acquired
     return place;
   }
   unsigned long long number = 0;
@@ -52,19 +53,21 @@ __device__ __noinline__ inline uint32_t GivePlace(const Pool& pool, uint32_t bri
   }
   __syncwarp();
   if (lane == 0) {
-    __threadfence();  // whoever sees the place finds it empty
+    __threadfence();  // the slot is cleared before its number is visible
     StoreRelaxed(pool.places + brick, place);
   }
   return place;
 }
 
-// The place of each lane's brick; kNoMorePlaces where it does not want one. All lanes of a warp call it.
+// Returns the slot of each lane's brick; kNoMorePlaces if `wants` is false or the pool is full. All lanes of a warp
+// call it.
 template <typename Pool>
 __device__ inline uint32_t PlaceOf(const Pool& pool, bool wants, uint32_t brick) {
   uint32_t place = kNoMorePlaces;
   if (wants) {
     place = __ldca(pool.places + brick);
-    if (place < kNoMorePlaces) place = LoadAcquire(pool.places + brick);  // given by another multiprocessor since
+    // another multiprocessor may have allocated it since
+    if (place < kNoMorePlaces) place = LoadAcquire(pool.places + brick);
   }
   uint32_t waiting = __ballot_sync(~0u, place < kNoMorePlaces);
   while (waiting != 0) {
@@ -77,7 +80,7 @@ __device__ inline uint32_t PlaceOf(const Pool& pool, bool wants, uint32_t brick)
   return place;
 }
 
-// The same by one thread, where there are places for all bricks.
+// The same for a single thread, if the pool has slots for all bricks.
 template <typename Pool>
 __device__ __noinline__ inline uint32_t TakePlace(const Pool& pool, uint32_t brick) {
   uint32_t place = atomicCAS(pool.places + brick, kNoPlace, kPlaceToCome);
@@ -87,11 +90,11 @@ __device__ __noinline__ inline uint32_t TakePlace(const Pool& pool, uint32_t bri
     for (unsigned i = 0; i < Pool::kWordsOfPlace / 4; ++i) words[i] = uint4{0, 0, 0, 0};
     pool.Name(number, brick);
     place = kFirstPlace + uint32_t(number);
-    __threadfence();  // whoever sees the place finds it empty
+    __threadfence();  // the slot is cleared before its number is visible
     StoreRelaxed(pool.places + brick, place);
     return place;
   }
-  // Lanes that wait do so behind what another of their warp does to give it.
+  // Lanes of one warp diverge here: the allocating lane has finished above before others spin.
   do {
     place = LoadAcquire(pool.places + brick);
   } while (place == kPlaceToCome);

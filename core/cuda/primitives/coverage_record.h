@@ -1,5 +1,5 @@
-// What FindCells (coverage_pass.cuh) says of a triangle, in 8 bytes each, in the order in which it takes them. No host-only
-// includes.
+// Coverage records: the voxels that a small triangle touches, in 8 bytes. FindCells (coverage_pass.cuh) writes one per
+// triangle, in the order of its triangles. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -8,12 +8,12 @@
 
 namespace voxelpipe::cuda {
 
-// From bit 0: the bit of a voxel in the slab's bit grid, the first of a block of voxels (32 bits); which of the 2x2x2
-// from there the triangle touches, x + 2y + 4z (8); the kind, at the end.
+// Layout from bit 0: bit index in the slab's bit grid of the first voxel of a block (32 bits); mask of the 2x2x2 voxels
+// from there that the triangle touches, x + 2y + 4z (8); CellKind, in the top 2 bits.
 enum class CellKind : uint32_t {
-  kOctants,  // as they stand; none where the triangle touches nothing
-  kBlock,    // at most 4x4x4 voxels: a mask of 64 bits, x + 4y + 16z, stands in an array beside the records
-  kOther,  // rows of voxels that other kernels make; in place of the voxel how many the triangle touches, if that is counted
+  kOctants,  // the 2x2x2 mask; 0 if the triangle touches nothing
+  kBlock,    // at most 4x4x4 voxels: the 64-bit mask, x + 4y + 16z, is in an array beside the records
+  kOther,  // spans, made by other kernels; the voxel field has the number of touched voxels, if counted
 };
 
 VOXELPIPE_HD uint64_t PackCell(CellKind kind, uint32_t first, uint32_t octants) {
@@ -31,12 +31,13 @@ VOXELPIPE_HD uint32_t OctantsOfCell(uint64_t cell) {
 
 inline constexpr int kBlockSide = 4;
 
-// How many fragments triangles have, summed twice over: where those of a block's begin is found without a scan.
+// Fragment counts of chunks of triangles and of groups of chunks, so that a block finds its first output element
+// without a scan.
 struct FragmentCounts {
-  uint32_t of_chunk = 1;          // triangles: what a block of FindCells takes
-  uint32_t chunks_of_group = 1;   // of kChunkGroups groups (span.h)
+  uint32_t of_chunk = 1;          // triangles of a chunk: those of a block of FindCells
+  uint32_t chunks_of_group = 1;   // chunks of each of kChunkGroups groups (span.h)
   uint64_t* of_block = nullptr;   // fragments of each chunk; null: not counted
-  uint64_t* of_groups = nullptr;  // likewise of each group
+  uint64_t* of_groups = nullptr;  // fragments of each group
 };
 
 }  // namespace voxelpipe::cuda

@@ -1,10 +1,10 @@
-// Kernels that begin before the one before them on the stream has ended ("programmatic dependent launch", from compute
-// capability 9.0 on; others begin as always). No host-only includes: they are launched by launch.cuh or kernel_list.h.
+// Programmatic dependent launch: a kernel may start before the previous one on its stream has ended (compute capability
+// 9.0; on older devices these functions do nothing). Launched by launch.cuh or kernel_list.h. No host-only includes.
 //
-// A kernel launched so calls AwaitEarlier() in every thread before it touches what kernels before it on the stream
-// write, or writes what they read; it never leaves that out, since the next one relies on it. It may begin once all
-// blocks of the one before have called AllowNext() or ended; that one was launched plainly, or has the same from its
-// own.
+// Contract: every thread of such a kernel calls AwaitEarlier() before it reads what earlier kernels of the stream
+// write, or writes what they read. It must always call it, because the next kernel relies on it. The kernel may start
+// once all blocks of the previous kernel have called AllowNext() or ended. The previous kernel is either an ordinary
+// launch or follows the same contract.
 #pragma once
 
 namespace voxelpipe::cuda {

@@ -1,5 +1,5 @@
-// Division by a number that is known to the host: a product and a shift (T. Granlund and P. L. Montgomery, "Division by
-// Invariant Integers using Multiplication", PLDI 1994). No host-only includes.
+// Division by a divisor known on the host, as a multiplication and a shift (T. Granlund and P. L. Montgomery, "Division
+// by Invariant Integers using Multiplication", PLDI 1994). No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -14,14 +14,14 @@ struct Divisor {
   int shift = 31;
 };
 
-// In: a divisor from 1 to 2^31.
+// `divisor`: 1 to 2^31.
 inline Divisor MakeDivisor(uint32_t divisor) {
   int log = 0;
   while (divisor >> log > 1) ++log;
   return {divisor, uint32_t((uint64_t{1} << (31 + log)) / divisor + 1), 31 + log};
 }
 
-// n / divisor, for n below 2^30: the product is too large by at most n / 2^shift, which is less than 1 / divisor.
+// n / divisor for n below 2^30: the product is too large by at most n / 2^shift, which is less than 1 / divisor.
 VOXELPIPE_HD uint32_t Quotient(uint32_t n, const Divisor& by) {
   return uint32_t(uint64_t{n} * by.factor >> by.shift);
 }

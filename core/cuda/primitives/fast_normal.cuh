@@ -1,4 +1,5 @@
-// A triangle's unit normal in fewer steps than the shared arithmetic takes, and the same bits. No host-only includes.
+// A triangle's unit normal, faster than the shared arithmetic and bit-identical to it: a floating-point filter with
+// exact fallback. No host-only includes.
 #pragma once
 
 #include <cmath>
@@ -8,26 +9,27 @@
 
 namespace voxelpipe::cuda {
 
-// Of what a double's low word holds beyond a float: at most 2 * kDoubt where it is about half. Half of kDoubt would do.
+// Distance of v from the midpoint between two floats, in units of the double's last place, plus kDoubt: at most 2 *
+// kDoubt near a midpoint. Half of kDoubt would suffice.
 inline constexpr uint32_t kDoubt = 64;
 __device__ inline uint32_t BehindHalf(double v) {
   constexpr uint32_t kHalf = 1u << 28;
   return (uint32_t(__double2loint(v)) & (2 * kHalf - 1)) - (kHalf - kDoubt);
 }
-// The high word without the sign. Numbers below kFewBits have fewer bits as floats.
+// The high word without the sign. Numbers below kFewBits are denormal or nearly so as floats.
 inline constexpr uint32_t kFewBits = (1023u - 120) << 20;
 __device__ inline uint32_t HighOf(double v) {
   return uint32_t(__double2hiint(v)) & 0x7fffffff;
 }
 
-// Whether every number within 2^-47 of v, relative to v, rounds to the same float.
+// True if every number within a relative 2^-47 of v rounds to the same float.
 __device__ inline bool RoundsSurely(double v) {
   const auto low = uint32_t(__double2loint(v)), high = HighOf(v);
   const bool near_half = BehindHalf(v) <= 2 * kDoubt;
   return !near_half && (high >= kFewBits || (high | low) == 0);
 }
 
-// 0 where all components do; few steps where none is close to 0.
+// 0 if RoundsSurely() holds for all components; cheap if no component is close to 0.
 __device__ inline uint32_t InDoubt(double x, double y, double z) {
   const uint32_t nearest = min(BehindHalf(x), min(BehindHalf(y), BehindHalf(z)));
   const uint32_t least = min(HighOf(x), min(HighOf(y), HighOf(z)));
@@ -36,12 +38,12 @@ __device__ inline uint32_t InDoubt(double x, double y, double z) {
   return doubt;
 }
 
-// Apart from its caller: few triangles need it.
+// Not inlined: few triangles need the exact path.
 __device__ __noinline__ inline Vec3f NormalizedPlainly(const Vec3d& v) {
   return Normalized(v);
 }
 
-// Of a number whose float is neither 0 nor denormal nor infinite, to 2^-22.
+// 1 / sqrt(v) to 2^-22, for v that is neither 0 nor denormal nor infinite as a float.
 __device__ inline float RoughInverseRoot(float v) {
 #if defined(__CUDA_ARCH__)
   float root;
@@ -52,11 +54,12 @@ __device__ inline float RoughInverseRoot(float v) {
 #endif
 }
 
-// Normalized: that divides and takes a root, each with an error below 2^-53 of its result, 2^-50 in all. Here the
-// inverse of the length is made from one in floats by a step that leaves the cube of its error (A. S. Householder, "The
-// Numerical Treatment of a Single Nonlinear Equation", 1970), and what comes out is off by less than 2^-50, too. So
-// both round to the same floats but where some component lies that close to the middle between two. Not 0 where that is
-// not certain, or the square of the length is less than `least`, which is at least 2^-120. It has to be at most 2^100.
+// Normalizes v without division and square root. Normalized() divides and takes a root, each with a relative error
+// below 2^-53, below 2^-50 in all. Here a float approximation of the inverse length is refined by one step of third
+// order (A. S. Householder, "The Numerical Treatment of a Single Nonlinear Equation", 1970); its relative error is
+// below 2^-50, too. So both round to the same floats unless a component is that close to the midpoint of two floats.
+// Returns non-zero if the result is uncertain or the squared length is below `least`, which must be at least 2^-120.
+// The squared length must be at most 2^100.
 __device__ inline uint32_t NormalizeQuickly(const Vec3d& v, double least, Vec3f& unit) {
   const double square = fma(v.z, v.z, fma(v.y, v.y, v.x * v.x));
   const double y = double(RoughInverseRoot(float(square)));
@@ -72,7 +75,7 @@ __device__ inline Vec3f QuickNormalized(const Vec3d& v) {
   return usual && NormalizeQuickly(v, 0x1p-100, unit) == 0 ? unit : NormalizedPlainly(v);
 }
 
-// TriangleNormal.
+// The fast equivalent of TriangleNormal.
 __device__ inline Vec3f QuickNormal(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   return QuickNormalized(Cross(b - a, c - a));
 }

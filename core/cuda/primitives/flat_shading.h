@@ -1,4 +1,4 @@
-// What shading one target's value of a triangle takes. No host-only includes.
+// Inputs to shade one target for a whole triangle: its value is the same for all fragments. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/blend_rules.h"

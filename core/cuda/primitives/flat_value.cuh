@@ -1,4 +1,4 @@
-// Targets whose value is the same for all fragments of a triangle: what is made once a triangle. No host-only includes.
+// Shades targets whose value is the same for all fragments of a triangle, once per triangle. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/flat_shading.h"
@@ -7,13 +7,12 @@
 
 namespace voxelpipe::cuda {
 
-// What one triangle blends into each of its voxels: cells as they are kept, or terms of a sum.
+// What a triangle blends into each of its voxels: cells in the accumulator's encoding, or terms of a sum.
 struct UniformValue {
   int64_t component[4];
 };
 
-// The target's shader is given apart, and so is what it receives: where they are constants little is left of the
-// shading.
+// The shader and its input are separate parameters: if they are compile-time constants, little of the shading remains.
 __device__ __forceinline__ void ShadeUniformAs(const FlatShading& args, FragmentShaderId shader,
                                                const FragmentInput& in, UniformValue& value) {
   const CudaTarget& target = args.target;

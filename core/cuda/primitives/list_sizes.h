@@ -1,5 +1,5 @@
-// How large lists are made before what goes into them is counted: the stages allocate by these rules, and footprint.cpp
-// predicts by them. No host-only includes, no CUDA headers.
+// Initial capacities of lists whose length is not known yet. The stages allocate by these rules and footprint.cpp
+// predicts memory by them. No host-only includes, no CUDA headers.
 #pragma once
 
 #include <cstdint>
@@ -8,21 +8,21 @@
 
 namespace voxelpipe::cuda {
 
-// Fragments of a slab: more than are expected, so that they seldom have to be listed again.
+// Fragments of a slab: above the expected number, so that they rarely have to be listed again.
 VOXELPIPE_HD uint64_t FragmentRoom(double expected) {
   constexpr double kMore = 1.25;
   constexpr uint64_t kAnyway = 1 << 16;
   return uint64_t(Min(kMore * expected, 0x1p62)) + kAnyway;
 }
 
-// Spans of triangles: of many small ones few have any, of a few large ones each has many.
+// Spans: few triangles of a fine mesh have any; each triangle of a coarse mesh has many.
 VOXELPIPE_HD uint64_t SpanRoom(uint64_t triangles) {
   constexpr uint64_t kAnyway = 1 << 18, kOfFewTriangles = 64, kLeast = 1 << 10;
   return Min(triangles / 2 + kAnyway, kOfFewTriangles * triangles + kLeast);
 }
 
-// Places of the pool of bricks (brick_scatter.cuh) of a slab of nx * ny * `layers` voxels: twice and a half as many as a
-// sphere touches that fills the slab's box.
+// Slots of the brick pool (brick_scatter.cuh) of a slab of nx * ny * `layers` voxels: 2.5 times the bricks touched by a
+// sphere that fills the slab's box.
 inline constexpr uint32_t kBrickCells = 512;  // x + 8*(y + 8*z)
 inline constexpr uint64_t kMaskWordsOfBrick = kBrickCells / 32;
 VOXELPIPE_HD uint64_t BrickPoolRoom(int64_t nx, int64_t ny, int64_t layers) {
@@ -31,7 +31,8 @@ VOXELPIPE_HD uint64_t BrickPoolRoom(int64_t nx, int64_t ny, int64_t layers) {
   return Min(x * y * z, kLeast + kOfFaces * (x * y + y * z + z * x));
 }
 
-// Counters of a nonzero fill: those of more rows take turns, of one row at least.
+// Maximum bytes of the counters of a nonzero fill. Larger slabs are processed in batches of rows, at least one row
+// each.
 inline constexpr uint64_t kMaxSumBytes = 256 << 20;
 
 }  // namespace voxelpipe::cuda

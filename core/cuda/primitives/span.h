@@ -1,4 +1,4 @@
-// A span: voxels that one triangle covers within one word of a bit grid, in 8 bytes. No host-only includes.
+// A span: a row of voxels that one triangle covers within one word of a bit grid, in 8 bytes. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -7,13 +7,13 @@
 
 namespace voxelpipe::cuda {
 
-// From bit 0: the first voxel's bit in the slab's bit grid (32 bits), the length less one (5), the triangle (27).
+// Layout from bit 0: bit index of the first voxel in the slab's bit grid (32 bits), length - 1 (5), triangle (27).
 inline constexpr uint64_t kNoSpan = ~uint64_t{0};
-inline constexpr uint64_t kMaxSpanBits = UINT32_MAX - 31;  // of a bit grid: the last words are no span's
+inline constexpr uint64_t kMaxSpanBits = UINT32_MAX - 31;  // of a bit grid: no span starts in the last words
 inline constexpr uint64_t kMaxSpanTriangles = uint64_t{1} << 27;
-// Behind the counters: fragments of the slab counted without tiles, in parts, so that not all wait for one address.
+// Behind the counters (run_state.h): the slab's fragment count, spread over several addresses to reduce contention.
 inline constexpr int kFragmentSlots = 64;
-// Behind those: fragments of the A-buffer, by groups of FindCells' blocks.
+// Behind those: fragments of the A-buffer per group of chunks (FragmentCounts).
 inline constexpr int kChunkGroups = 256;
 
 VOXELPIPE_HD uint64_t PackSpan(uint32_t first, uint32_t triangle, uint32_t length) {

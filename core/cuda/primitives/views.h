@@ -1,4 +1,5 @@
-// What kernels get of a run: plain structs, no host-only includes, so that NVRTC can compile the kernels too.
+// Views of the grid and the targets that are passed to kernels: plain structs without host-only includes, so that NVRTC
+// can compile the kernels too.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +12,8 @@
 
 namespace voxelpipe::cuda {
 
-// The grid and the slab at work. Bit grids have rows of words_per_row 32-bit words; row y + dims[1] * (z - slab_begin).
+// The grid and the current slab. Rows of bit grids have words_per_row 32-bit words; row index y + dims[1] * (z -
+// slab_begin).
 struct GridView {
   int64_t dims[3] = {1, 1, 1};
   int64_t slab_begin = 0, slab_end = 1;
@@ -20,7 +22,7 @@ struct GridView {
   IndexSpace space;
 
   VOXELPIPE_HD uint64_t Word(int64_t x, int64_t y, int64_t z) const {
-    // 32-bit factors: one instruction a product on a device.
+    // 32-bit factors: one instruction per product on a device.
     const uint64_t row = uint64_t{uint32_t(dims[1])} * uint32_t(z - slab_begin) + uint64_t(y);
     return row * uint32_t(words_per_row) + uint64_t(x / 32);
   }
@@ -36,7 +38,7 @@ struct GridView {
 
 inline constexpr int kMaxTargets = 8;
 
-// A render target of the slab; the counterpart of cpu/run_state.h's CpuTarget.
+// A render target of the slab; the counterpart of CpuTarget in cpu/run_state.h.
 struct CudaTarget {
   VoxelFormat format = VoxelFormat::kBit;
   Blend blend = Blend::kOr;
@@ -57,7 +59,8 @@ struct TargetViews {
   CudaTarget at[kMaxTargets];
   int count = 0;
   bool planar = false;
-  bool any_always_present = false;  // some target keeps every fragment, so a touched voxel is a covered one
+  // Some target keeps every fragment, so every touched voxel is covered.
+  bool any_always_present = false;
 };
 
 }  // namespace voxelpipe::cuda

@@ -1,9 +1,10 @@
-// The voxels about a vertex in 8 bytes: enough to find a triangle's box of voxels by integer operations alone.
+// Encodes which voxels a vertex touches in 8 bytes, so that a triangle's bounding box of voxels takes integer
+// operations only.
 //
-// FirstVoxel and LastVoxel (raster/triangle_setup.h) grow with their coordinate, so the box of a triangle is the least
-// first and the greatest last of its vertices. Per axis a code is 4 * floor(v) + s, where s is 0 if the vertex touches
-// the voxel before too, 2 if it touches the one behind, 1 if neither: codes grow with v, so the least and the largest
-// code of the vertices tell both.
+// FirstVoxel and LastVoxel (raster/triangle_setup.h) are monotonic, so the box of a triangle runs from the minimum
+// first voxel to the maximum last voxel of its vertices. The code of an axis is 4 * floor(v) + s, with s = 0 if the
+// vertex also touches the previous voxel, 2 if it also touches the next one, 1 if neither. Codes are monotonic in v, so
+// the minimum and maximum code of the vertices give both ends.
 #pragma once
 
 #include "raster/triangle_setup.h"
@@ -12,12 +13,12 @@ namespace voxelpipe::cuda {
 
 struct alignas(8) VertexCode {
   int16_t axis[3];
-  int16_t far;  // not 0: farther out than codes reach, which are not set
+  int16_t far;  // not 0: out of the range of codes; `axis` is undefined
 };
 
-inline constexpr int kMinCell = -8, kMaxCell = 8180;  // floor(v) of vertices that have codes
+inline constexpr int kMinCell = -8, kMaxCell = 8180;  // floor(v) of encodable vertices
 
-// In: index space. Conservative and thin; the box of center coverage is smaller.
+// `v`: in index space. Valid for conservative and thin coverage; the box of center coverage is smaller.
 VOXELPIPE_HD VertexCode EncodeVertex(const Vec3d& v) {
   VertexCode code{};
   for (int i = 0; i < 3; ++i) {
@@ -33,11 +34,11 @@ VOXELPIPE_HD VertexCode EncodeVertex(const Vec3d& v) {
   return code;
 }
 
-// A triangle's box of voxels, inclusive, as SetUpTriangle has it under conservative and thin, and the floor of its
-// least corner.
+// A triangle's box of voxels, inclusive, identical to that of SetUpTriangle for conservative and thin coverage, and the
+// floor of its minimum corner.
 struct CodedBox {
   int first[3], last[3], base[3];
-  bool far;  // some vertex has no code: the rest is undefined
+  bool far;  // some vertex is out of range: the rest is undefined
 };
 
 VOXELPIPE_HD CodedBox DecodeBox(const VertexCode& a, const VertexCode& b, const VertexCode& c) {

@@ -1,13 +1,13 @@
-// Sums and bounds over a warp, on every architecture that is built for. No host-only includes.
+// Reductions and prefix sums over a warp, for every architecture that is built for. No host-only includes.
 #pragma once
 
 #include <cstdint>
 
 namespace voxelpipe::cuda {
 
-// All lanes of the warp call it, and all get the sum.
+// The sum over the warp, in all lanes. All lanes call it.
 __device__ inline uint32_t WarpSum(uint32_t value) {
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800  // the instruction came with compute capability 8.0
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800  // the instruction requires compute capability 8.0
   for (int step = 16; step > 0; step /= 2) value += __shfl_xor_sync(~0u, value, step);
   return value;
 #else
@@ -19,7 +19,7 @@ __device__ inline uint64_t WarpSum(uint64_t value) {
   return value;
 }
 
-// The least and the largest; likewise.
+// The minimum and the maximum over the warp, in all lanes. All lanes call them.
 __device__ inline uint32_t WarpLeast(uint32_t value) {
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ < 800
   for (int step = 16; step > 0; step /= 2) value = min(value, __shfl_xor_sync(~0u, value, step));
@@ -37,7 +37,7 @@ __device__ inline uint32_t WarpLargest(uint32_t value) {
 #endif
 }
 
-// The bits of the lanes before this one.
+// Mask of the lanes before this one.
 __device__ inline uint32_t LanesBefore() {
 #if defined(__CUDA_ARCH__)
   uint32_t lanes;
@@ -48,8 +48,8 @@ __device__ inline uint32_t LanesBefore() {
 #endif
 }
 
-// The box of what the lanes with `has` bring, `from` to `last` along each axis, none below 0: its first place, ~0 where
-// no lane has any, and its size; likewise.
+// Bounding box over the lanes with `has` of boxes `from` to `last` (inclusive, non-negative): its minimum corner, ~0 if
+// no lane has one, and its size. All lanes call it.
 __device__ inline void WarpBox(bool has, const uint32_t (&from)[3], const uint32_t (&last)[3], uint32_t (&least)[3],
                                uint32_t (&size)[3]) {
 #pragma unroll
@@ -59,7 +59,7 @@ __device__ inline void WarpBox(bool has, const uint32_t (&from)[3], const uint32
   }
 }
 
-// The sum over the lanes up to this one; likewise.
+// Inclusive prefix sum over the lanes. All lanes call it.
 template <typename T>
 __device__ inline T SumUpto(T value) {
   const unsigned lane = threadIdx.x % 32;
@@ -70,8 +70,8 @@ __device__ inline T SumUpto(T value) {
   return value;
 }
 
-// Of what the warps of a block have brought to shared memory, the sum over those before this one, and over all. A
-// barrier lies between.
+// Sum of `sums` over the warps before this one, and over all (`all`). `sums` is in shared memory, with one element per
+// warp, written before a barrier.
 template <typename T, int kWarps>
 __device__ inline T SumOfWarps(const T (&sums)[kWarps], T& all) {
   T before = all = 0;
