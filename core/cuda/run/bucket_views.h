@@ -1,4 +1,4 @@
-// Buckets of the A-buffer: what kernels get. Plain structs, no host-only includes.
+// Kernel arguments for the buckets of the A-buffer. Plain structs, no host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -14,23 +14,24 @@ inline uint64_t ChunksOf(uint64_t fragments) {
   return (fragments + kKeysOfChunk - 1) / kKeysOfChunk;
 }
 
-// Voxels of fragments in 32 bits, sorted, in chunks of kKeysOfChunk.
+// Sorted 32-bit voxel indices of fragments, processed in chunks of kKeysOfChunk.
 struct SortedKeys {
   const uint32_t* keys = nullptr;
   uint64_t fragments = 0;
-  uint64_t* first = nullptr;  // of chunks: how many voxels begin before it; and one more, but for CountAndListBuckets
+  // Per chunk: number of voxels that begin before it; one more element with the total, except for CountAndListBuckets.
+  uint64_t* first = nullptr;
 
   uint64_t chunks() const { return ChunksOf(fragments); }
 };
 
-// `Index`: the type of what is listed.
+// `Index`: the type of the listed offsets and voxels.
 template <typename Index>
 struct BucketArgs : SortedKeys {
   uint64_t first_voxel = 0;  // of the slab
   Index *offsets = nullptr, *voxels = nullptr;
-  // Of CountAndListBuckets.
-  uint64_t* listed = nullptr;  // becomes the number of voxels
-  // Bit arrays of all fragments, which become 1: targets whose shaders need not run. On whole words.
+  // For CountAndListBuckets only.
+  uint64_t* listed = nullptr;  // receives the number of voxels
+  // Bit arrays to set to 1 for all fragments: targets whose shaders need not run. Whole words.
   uint32_t* ones[kMaxTargets] = {};
   int ones_count = 0;
 };

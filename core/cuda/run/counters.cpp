@@ -12,7 +12,7 @@ absl::Status EnsureCounters(RunState& state) {
 
 absl::Status ClearCounters(RunState& state, std::initializer_list<Counter> which) {
   if (state.counters.empty()) return EnsureCounters(state);
-  // Neighbours in one call.
+  // Adjacent counters in one memset.
   for (auto at = which.begin(); at != which.end();) {
     auto end = at + 1;
     while (end != which.end() && *end == *(end - 1) + 1) ++end;

@@ -1,4 +1,4 @@
-// What kernels and the plan get of a request's targets.
+// Describes the targets of a request for kernels and for the path plan.
 #include <algorithm>
 
 #include "cpu/rows/row_bits.h"
@@ -39,7 +39,7 @@ void DescribeTargets(RunState& state) {
   for (size_t i = 0; i < request.targets.size(); ++i) {
     CudaTarget& target = state.targets.at[i];
     target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
-    // A shader that discards nothing of this mesh is as one that never does.
+    // A shader that discards nothing of this mesh counts as one that never discards.
     target.own_presence = std::any_of(mesh.parts, mesh.parts + mesh.part_count, [&](const PartView& part) {
       return MayDiscard(target.shader, mesh.materials[part.material]);
     });
@@ -56,12 +56,11 @@ bool ShadesFragments(const BoundRequest& request) {
 
 namespace {
 
-// True if every triangle of the shaded mesh gives all its fragments one value, and what is kept of a voxel is blended
-// from values alone.
+// True if every triangle of the shaded mesh has one value for all its fragments, and the blend depends on values alone.
 bool IsUniform(const RunState& state, const CudaTarget& target) {
   if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
   MeshView mesh = state.host.view;
-  mesh.velocities = state.mesh.host_view.velocities;  // shaders ask only whether there are any
+  mesh.velocities = state.mesh.host_view.velocities;  // shaders only check for null
   for (uint32_t i = 0; i < mesh.part_count; ++i) {
     FragmentInput in;
     in.mesh = &mesh;

@@ -15,14 +15,14 @@ struct PackedVertex;
 
 namespace voxelpipe::cuda {
 
-// Arrays of the shaded mesh on the device, and the view of them that shaders get.
+// Arrays of the shaded mesh on the device, and the view of them that is passed to shaders.
 struct DeviceMesh {
   DeviceArray<Vec3d> positions, index_positions;
   DeviceArray<VertexCode> codes;  // per vertex (voxel_code.h)
   DeviceArray<Vec3f> normals, velocities;
   DeviceArray<Vec4f> tangents, colors;
   DeviceArray<Vec2f> uv[2];
-  DeviceArray<uint32_t> triangles;  // three a triangle
+  DeviceArray<uint32_t> triangles;  // three indices per triangle
   DeviceArray<PartView> parts;
   DeviceArray<MaterialView> materials;
   DeviceArray<TextureView> textures;
@@ -33,7 +33,7 @@ struct DeviceMesh {
   std::vector<DeviceArray<Vec4f>> mips;      // further levels
   MeshView host_view;                        // pointers into device memory
   DeviceArray<MeshView> view;                // the same on the device, one element
-  bool as_loaded = false;                    // positions are the mesh's own, as it was loaded
+  bool as_loaded = false;                    // positions are those of the loaded mesh
 
   const uint32_t* triangle_list() const {
     return host_view.triangles == nullptr ? nullptr : &host_view.triangles[0][0];
@@ -41,20 +41,20 @@ struct DeviceMesh {
 };
 
 struct LargestTriangles;
-// What walks over a scattered mesh read besides its arrays (mesh_locality.h); null: they do without.
+// Copies of a spatially incoherent mesh that rasterizers read instead of its arrays (mesh_locality.h); null: not used.
 struct ScatteredMesh {
-  // Three a triangle, so that nothing is to be looked up: parts of RunState::box, whose extent is kept here
-  // (fixed_point.h).
+  // Three vertices per triangle, quantized relative to RunState::box, so that no index lookup is needed. The box's
+  // extent is kept here (fixed_point.h).
   const PackedVertex* packed = nullptr;
-  // The same in the order of places (Morton, 1966), for walks to which triangles are all the same.
+  // The same, sorted by Morton code (Morton, 1966), for passes that do not depend on triangle order.
   const PackedVertex* placed = nullptr;
   const LargestTriangles* largest = nullptr;
   Vec3d extent;
-  std::shared_ptr<const CachedArray> kept;  // what both lie in, with the mesh; or
-  DeviceArray<uint8_t> own;                 // where no other run has the same
-  bool tried = false;                       // to make it
+  std::shared_ptr<const CachedArray> kept;  // owner of both copies: the mesh cache, or
+  DeviceArray<uint8_t> own;                 // this run, if no other run has the same mesh and box
+  bool tried = false;                       // an attempt was made
 
-  // The stream's work is done.
+  // The stream's work must be done.
   void Drop() {
     packed = placed = nullptr;
     largest = nullptr;

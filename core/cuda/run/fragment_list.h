@@ -1,4 +1,4 @@
-// Fragments of the A-buffer: the voxel and the triangle of each.
+// The A-buffer's list of fragments: voxel and triangle of each.
 #pragma once
 
 #include <cstdint>
@@ -10,20 +10,20 @@
 
 namespace voxelpipe::cuda {
 
-// Two copies, one of which is the current one.
+// Double-buffered for sorting; `current` is the valid copy.
 struct Fragments {
-  DeviceArray<uint32_t> keys[2];       // voxels
-  DeviceArray<uint32_t> triangles[2];  // or codes of bundles
+  DeviceArray<uint32_t> keys[2];       // voxel indices
+  DeviceArray<uint32_t> triangles[2];  // or codes of groups (fragment_group.h)
   uint64_t count = 0;
   int current = 0;
-  std::optional<BundlePlan> plan;  // of bundles, of which the arrays have `bundles`
+  std::optional<BundlePlan> plan;  // set if fragments are grouped; the arrays then have `bundles` elements
   uint64_t bundles = 0;
 
   absl::Status MakeRoom(cudaStream_t stream) {
     for (int i = 0; i < 2; ++i) VOXELPIPE_OK_OR_RETURN(MakeRoom(i, count, stream));
     return absl::OkStatus();
   }
-  // In one of the copies.
+  // Resizes one of the copies.
   absl::Status MakeRoom(int copy, uint64_t fragments, cudaStream_t stream) {
     VOXELPIPE_OK_OR_RETURN(keys[copy].Resize(fragments, stream));
     return triangles[copy].Resize(fragments, stream);
@@ -33,17 +33,17 @@ struct Fragments {
     for (auto& array : triangles) array.Free();
     Clear();
   }
-  // None, and no bundles. The arrays stay.
+  // Removes all fragments and groups. Keeps the arrays allocated.
   void Clear() {
     count = bundles = 0;
     current = 0;
     plan.reset();
   }
-  // What is sorted.
+  // Number of elements to sort.
   uint64_t elements() const { return plan ? bundles : count; }
 };
 
-// Sorts the first copy by the lowest `bits` bits of its keys; fragments of one key keep their order. What `scratch` had is lost.
+// Stably sorts the first copy by the lowest `bits` bits of its keys. Overwrites `scratch`.
 inline absl::Status SortFragmentList(Fragments& fragments, int bits, DeviceArray<uint8_t>& scratch,
                                      cudaStream_t stream) {
   KeyValueArrays arrays;

@@ -16,19 +16,19 @@ struct TargetMemory {
   DeviceArray<uint8_t> dense;
 };
 
-// What a target that is blended without tiles has besides (blend_spans.cuh).
+// State of a target in scatter blending (blend_spans.cuh).
 struct SpanTarget {
-  DeviceArray<uint32_t> values, negative;  // of all triangles
+  DeviceArray<uint32_t> values, negative;  // per triangle
   DeviceArray<int64_t> terms;
-  DeviceArray<uint32_t> cells, counts;  // by rank
+  DeviceArray<uint32_t> cells, counts;  // accumulators, by voxel rank
   DeviceArray<unsigned long long> sums;
-  bool shaded = false;  // whether values or terms are made
-  bool by_id = false;   // there are none: the value is the triangle's id
+  bool shaded = false;  // values or terms are computed
+  bool by_id = false;   // neither exists: the value is the triangle's id
   FlatShading shading;
-  DegenerateTest degenerate;  // of the run's triangles
+  DegenerateTest degenerate;  // for the run's triangles
 };
 
-// A list of owners: voxels within the slab, triangles, and where their values go.
+// Owner list of a target: voxels within the slab, triangles, and output elements.
 struct OwnerList {
   DeviceArray<uint32_t> keys, triangles, to;
 
@@ -37,7 +37,7 @@ struct OwnerList {
   }
 };
 
-// A pool of bricks (brick_scatter.cuh): per brick of the slab, and per place.
+// A brick pool (brick_scatter.cuh): arrays per brick of the slab and per slot of the pool.
 struct PoolMemory {
   DeviceArray<uint32_t> places, cells, masks, bricks, voxels;
 
@@ -46,13 +46,13 @@ struct PoolMemory {
   }
 };
 
-// Arrays of a sparse or bucketed result on the device, as ResultArrays has them; the triangles of buckets are
+// Arrays of a sparse or bucketed result on the device, in the form of ResultArrays. The triangles of buckets are in
 // RunState::a_buffer.
 struct DeviceResult {
   DeviceArray<uint64_t> bricks, voxels, offsets;
   DeviceArray<uint8_t> masks;
   std::vector<DeviceArray<uint8_t>> targets;
-  // Known to the host; the voxels of buckets once the slab's counters are read.
+  // Known to the host; the number of voxels of buckets only after the slab's counters are read.
   uint64_t listed_bricks = 0, listed_voxels = 0, listed_fragments = 0;
 };
 
