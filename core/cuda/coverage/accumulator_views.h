@@ -1,20 +1,21 @@
-// What is kept of a covered voxel while its fragments are blended. No host-only includes.
+// Kernel views of accumulators: the intermediate state of a covered voxel while its fragments are blended. No host-only
+// includes.
 #pragma once
 
 #include "cuda/primitives/blend_rules.h"
 
 namespace voxelpipe::cuda {
 
-// Accumulators by rank, `components` a voxel; those that the target's Kept needs.
+// Accumulators indexed by rank, with `components` per voxel. Only the arrays that the Kept kind needs are set.
 struct Accumulators {
   Kept kept{};
   int components = 1;
   uint32_t* cells = nullptr;
   unsigned long long* sums = nullptr;
-  uint32_t* counts = nullptr;  // one a voxel
+  uint32_t* counts = nullptr;  // one per voxel
 };
 
-// A target, and where its fragments are blended: in the owner's number plus one where a fragment replaces others.
+// A target and its accumulators. If one fragment replaces others, the accumulator holds the owner's triangle id + 1.
 struct ShadedTarget {
   CudaTarget target;
   Accumulators to;
@@ -30,11 +31,12 @@ VOXELPIPE_HD bool IsSum(Kept kept) {
 VOXELPIPE_HD bool HasOwner(const CudaTarget& target) {
   return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
 }
-// True if cells have all bits set where blending starts; else none.
+// True if cells start with all bits set; otherwise they start at 0.
 VOXELPIPE_HD bool BeginsWithOnes(Kept kept) {
   return kept == Kept::kMin || kept == Kept::kAnd;
 }
-// What a target's accumulators keep, without memory: of owners their numbers, of bits cells that are 0 or 1.
+// The accumulators of a target, without memory: owner targets accumulate triangle numbers, bit targets cells that are 0
+// or 1.
 VOXELPIPE_HD Accumulators ShapeOf(const CudaTarget& target) {
   Accumulators shape;
   const Kept kept = KeptBy(target);

@@ -5,9 +5,9 @@
 namespace voxelpipe::cuda {
 namespace {
 
-inline constexpr int kRankedOfThread = 16;  // words
+inline constexpr int kRankedOfThread = 16;  // words per thread
 
-// Gives every set bit a rank, those of a word in a row; `counter` has the number of all.
+// Assigns consecutive ranks to all set bits of a bit grid; `counter` receives their number.
 __global__ void __launch_bounds__(kBlendThreads)
     RankWords(const uint32_t* bits, uint64_t words, uint32_t* first, uint64_t* counter) {
   constexpr int kEach = kRankedOfThread;

@@ -1,5 +1,5 @@
-// Accumulators of covered voxels, numbered by rank: the set bits before a voxel's in a bit grid. A word of the grid has
-// the rank of its first set bit, so that a rank costs one population count. No host-only includes.
+// Accumulators of covered voxels, indexed by rank: the number of set bits before the voxel in a bit grid. The rank of
+// the first set bit of each word is stored, so a lookup costs one population count. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/accumulator_views.h"
@@ -9,12 +9,12 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kBlendThreads = 256;
 
-// Where a covered voxel's accumulators are: its rank, the number of covered voxels before it.
+// Maps a covered voxel to its rank.
 struct Ranks {
-  const uint32_t* bits = nullptr;   // bit grid: voxels that some triangle touches
-  const uint32_t* first = nullptr;  // rank of the first voxel of a word
+  const uint32_t* bits = nullptr;   // bit grid: voxels that triangles touch
+  const uint32_t* first = nullptr;  // per word: rank of its first set bit
 
-  // Of a voxel, x of a word.
+  // The rank of bit x of a word.
   __device__ uint32_t Of(uint32_t word, uint32_t x) const {
     return first[word] + uint32_t(__popc(bits[word] & ((1u << x) - 1)));
   }
@@ -24,7 +24,7 @@ __device__ inline uint32_t CombineCells(Kept kept, uint32_t a, uint32_t b) {
   return kept == Kept::kMax ? max(a, b) : kept == Kept::kMin ? min(a, b) : kept == Kept::kOr ? a | b : a & b;
 }
 
-// Adds what `count` triangles bring to the voxel with a rank.
+// Adds the contribution of `count` triangles to the voxel with a rank.
 template <int kComponents>
 __device__ inline void AddAt(const Accumulators& to, uint64_t rank, const int64_t (&term)[kComponents],
                              uint32_t count) {
@@ -59,7 +59,7 @@ __device__ inline void AddAt(const Accumulators& to, uint64_t rank, const uint32
   }
 }
 
-// Component c of what the accumulators of a rank hold, as the target stores it.
+// Component c of an accumulated value, in the target's format.
 __device__ inline uint32_t StoredOf(const Accumulators& from, uint32_t rank, int c, VoxelFormat format, bool is_float,
                                     double quantum) {
   const uint64_t at = uint64_t{rank} * uint64_t(from.components) + uint64_t(c);

@@ -1,4 +1,4 @@
-// Ranks of covered voxels, and accumulators by them. Included by .cu files only.
+// Computes ranks of covered voxels and allocates accumulators. Included by .cu files only.
 #pragma once
 
 #include "cuda/coverage/accumulators.cuh"
@@ -7,12 +7,12 @@
 
 namespace voxelpipe::cuda {
 
-// Numbers the voxels that some triangle touches; state.counters[kRanks] is how many there are.
+// Ranks the voxels that triangles touch; state.counters[kRanks] receives their number.
 absl::Status RankCovered(RunState& state);
-// These numbers, and a target's accumulators.
+// The ranks, and a target's accumulators.
 Ranks RanksOf(RunState& state);
 Accumulators AccumulatorsOf(RunState& state, int index);
-// Accumulators of a target for `voxels` voxels, set to where blending starts.
+// Allocates a target's accumulators for `voxels` voxels and sets their initial values.
 absl::Status BeginAccumulators(RunState& state, int index, uint64_t voxels);
 
 }  // namespace voxelpipe::cuda

@@ -1,4 +1,4 @@
-// Blends that are one 32-bit atomic on a dense target's cell (blend_spans.cuh). No host-only includes.
+// Blends that are a single 32-bit atomic on a cell of the dense target (blend_spans.cuh). No host-only includes.
 #pragma once
 
 #include "cuda/primitives/fast_normal.cuh"
@@ -12,11 +12,12 @@ enum class InPlace : uint8_t { kMax, kMaxOfComplement, kOr, kCount };
 struct InPlaceArgs {
   const uint64_t* spans = nullptr;
   uint64_t count = 0;
-  uint32_t first_triangle = 0;  // SpanArgs'
+  uint32_t first_triangle = 0;  // as in SpanArgs
   const uint32_t* values = nullptr;
-  FlatShading shading;                 // of the target, where there are no values
-  DegenerateTest degenerate;           // where they are normals
-  const uint32_t* negative = nullptr;  // of keys of floats: 0 where they may go plain; null: never, or others
+  FlatShading shading;        // to shade the target if there are no `values`
+  DegenerateTest degenerate;  // if the values are normals
+  // Float keys: 0 if no value is negative, so that plain float bits can be blended. Null: never, or not floats.
+  const uint32_t* negative = nullptr;
   uint32_t* out = nullptr;
   InPlace blend{};
   bool planar = false;
@@ -24,7 +25,7 @@ struct InPlaceArgs {
   uint32_t nx = 0, words_per_row = 0;
 };
 
-// The voxel of a bit of a grid whose rows are padded to whole words.
+// Voxel index of a bit in a grid whose rows are padded to whole words.
 __device__ inline uint64_t VoxelOfBit(uint32_t bit, uint32_t nx, uint32_t words_per_row) {
   if (nx == words_per_row * 32) return bit;
   const uint32_t row = bit / 32 / words_per_row;
@@ -42,8 +43,8 @@ __device__ inline void LoadValues(const uint32_t* from, uint32_t (&to)[kComponen
   }
 }
 
-// Cells that others write meanwhile, as they are now or were a little before. Only of several: to look costs as much as
-// one atomic. `blank` is what every value changes.
+// Reads cells that other threads write concurrently: current or slightly stale values. For several components only: for
+// one, the read costs as much as the atomic. `blank` is a value that every blend changes.
 template <int kComponents>
 __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_t (&to)[kComponents]) {
   if constexpr (kComponents == 4) {
@@ -55,38 +56,38 @@ __device__ inline void LookAtCells(const uint32_t* from, uint32_t blank, uint32_
   }
 }
 
-// The kShader of kernels that make geometric normals; as others have it, that of triangle ids is a shader's number, and
-// -1 says that values stand ready.
+// Values of the kernels' kShader parameter: kNormalShader computes geometric normals; the id of the triangle-id shader
+// computes ids; -1 reads precomputed values.
 inline constexpr int kNormalShader = -2;
 
-// Of keys of which the largest is sought; all bits set where that is the least of what they are made of.
+// Mask that turns min blends into max blends of keys: all bits set for a minimum.
 VOXELPIPE_HD uint32_t FlipOf(const InPlaceArgs& args) {
   return args.blend == InPlace::kMaxOfComplement ? ~0u : 0;
 }
-// The keys of a unit normal, and of what shaders leave the fourth component at, of which the largest is sought.
+// Keys for a max blend of a unit normal and of the default fourth component of shaders.
 __device__ inline uint4 KeysOfUnit(const Vec3f& n, uint32_t flip) {
-  const auto key = [flip](float v) {  // KeyOf, and turned round
+  const auto key = [flip](float v) {  // KeyOf, complemented for a minimum
     const uint32_t bits = BitsOf(v);
     return bits ^ ((uint32_t(int32_t(bits) >> 31) | 0x80000000u) ^ flip);
   };
   return {key(n.x), key(n.y), key(n.z), key(FragmentOutput().f[3])};
 }
-// Of a triangle.
+// The keys of a triangle's normal.
 __device__ inline uint4 KeysOfNormal(const InPlaceArgs& args, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
   return KeysOfUnit(IsDegenerate(args.degenerate, a, b, c) ? Vec3f{} : QuickNormal(a, b, c), FlipOf(args));
 }
 
-// A triangle as the owner of a voxel: the largest wins under replace, the least under first. Never 0.
+// A triangle's key as owner of a voxel: the maximum wins for replace, the minimum for first. Never 0.
 VOXELPIPE_HD uint32_t OwnerOf(uint32_t triangle) {
   return triangle + 1;
 }
 
-// What triangle t brings, as the target keeps it. kShader: that of triangle ids, which is cheaper than to read what was
-// made before; -1, of any other: values stand ready.
+// The value of triangle t in the target's encoding. kShader: the triangle-id shader, which is cheaper than reading
+// precomputed values; -1: reads them.
 template <int kShader, int kComponents>
 __device__ inline void ValuesOf(const uint32_t* values, const FlatShading& shading, uint32_t t,
                                 uint32_t (&to)[kComponents]) {
-  if constexpr (kShader >= 0 && kComponents == 1) {  // largest and least ids without what other formats and blends need
+  if constexpr (kShader >= 0 && kComponents == 1) {  // ids without the code of other formats and blends
     if (shading.has_owner()) {
       to[0] = OwnerOf(t);
       return;
@@ -110,7 +111,7 @@ __device__ inline void ValuesOf(const uint32_t* values, const FlatShading& shadi
     LoadValues<kComponents>(values + uint64_t{t} * kComponents, to);
   }
 }
-// The same as keys of which the largest is sought, where it is a largest.
+// The same as keys for a max blend, if the blend is a min or max.
 template <int kShader, int kComponents>
 __device__ inline void KeysOf(const InPlaceArgs& args, bool plain, uint32_t t, uint32_t (&to)[kComponents]) {
   if (args.blend == InPlace::kCount) return;
@@ -133,8 +134,8 @@ __device__ inline uint32_t CombineKeys(const InPlaceArgs& args, uint32_t a, uint
   return args.blend == InPlace::kOr ? a | b : max(a, b);
 }
 
-// Blends what `count` triangles bring into voxel n. A cell only grows, so one that was seen to be large enough needs no
-// atomic.
+// Blends the contribution of `count` triangles into voxel n. Cells only grow, so no atomic is needed if a cell is
+// already large enough.
 template <int kComponents>
 __device__ inline void BlendAt(const InPlaceArgs& args, uint64_t n, const uint32_t (&value)[kComponents],
                                uint32_t count) {

@@ -1,9 +1,9 @@
-// Bricks of a sparse result that are given out while triangles are drawn: whoever touches one first takes a place for
-// it in a pool, and values are blended there. So triangles are walked once, and nothing is as large as the grid but a
-// table of its bricks (C. Crassin et al., "GigaVoxels", I3D 2009, has such a pool for rendering).
+// Blends into bricks of a sparse result that are allocated on demand: the first warp that touches a brick takes a slot
+// of a pool for it, and values are blended there. So triangles are rasterized once, and the only array proportional to
+// the grid is a table of its bricks (cf. C. Crassin et al., "GigaVoxels", I3D 2009, for rendering).
 //
-// Blends are by maximum, of keys that are never 0: a cell that is 0 was touched by nobody. Where bricks want more
-// places than there are, what they hold is lost, and the number of those given out tells. No host-only includes.
+// Blends are max blends of keys that are never 0: key 0 marks a voxel that was not touched. If the pool overflows the
+// values are lost; the number of requested slots shows it. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/atomics.cuh"
@@ -15,11 +15,11 @@ namespace voxelpipe::cuda {
 
 struct BrickPool {
   static constexpr uint32_t kWordsOfPlace = kBrickCells;
-  uint32_t* places = nullptr;  // four bricks for each of the slab's tiles, in the order of tiles
-  uint32_t* cells = nullptr;   // kBrickCells a place
-  uint32_t* bricks = nullptr;  // of each place: which element of `places` has it
-  uint64_t* asked = nullptr;   // counter: bricks that wanted a place
-  uint32_t capacity = 0;       // places
+  uint32_t* places = nullptr;  // slot table: four bricks per tile of the slab, in tile order
+  uint32_t* cells = nullptr;   // kBrickCells per slot
+  uint32_t* bricks = nullptr;  // per slot: index of its brick in `places`
+  uint64_t* asked = nullptr;   // counter: bricks that asked for a slot
+  uint32_t capacity = 0;       // slots
   uint32_t tiles_x = 1, tiles_y = 1;
 
   __device__ uint32_t* WordsOf(uint64_t place) const { return cells + place * kWordsOfPlace; }
@@ -31,14 +31,14 @@ __device__ inline uint32_t BrickAt(const BrickPool& pool, int x, int y, int z) {
   return tile * 4 + uint32_t(x) % 4;
 }
 
-// Where voxels lie in their bricks: the brick of one of them, and where the cell of the first voxel would be if all
-// were in that brick, counted from its begin on.
+// Addresses voxels relative to a first voxel within bricks. `brick` contains one chosen voxel; `first` is the cell
+// index, relative to that brick, that the first voxel would have there (may be out of range).
 struct InBrick {
   uint32_t brick;
   int first;
-  int low[3];  // the brick's first voxel, counted from the first one on
+  int low[3];  // the brick's first voxel, relative to the first voxel
 
-  // `voxel`: which one is meant, counted from the first one on, which is voxel `first` of the slab.
+  // `voxel`: the chosen voxel, relative to voxel `first_voxel` of the slab.
   __device__ InBrick(const BrickPool& pool, const int (&first_voxel)[3], const int (&voxel)[3]) {
     int at[3];
 #pragma unroll
@@ -55,7 +55,8 @@ __device__ inline uint32_t* CellsAt(const BrickPool& pool, uint32_t place) {
   return pool.cells + uint64_t{place - kFirstPlace} * kBrickCells;
 }
 
-// Blends a key into the octants about a corner, whose first voxel is `first` of the slab. All lanes of a warp call it.
+// Blends a key into the voxels of a 2x2x2 mask (`octants`) whose first voxel is `first` of the slab. All lanes of a
+// warp call it.
 __device__ inline void BlendOctantsInPool(const BrickPool& pool, const int (&first)[3], uint32_t octants,
                                           uint32_t key) {
   constexpr uint32_t kNear[3] = {0x55, 0x33, 0x0f};
@@ -80,12 +81,12 @@ __device__ inline void BlendOctantsInPool(const BrickPool& pool, const int (&fir
   }
 }
 
-// The same of a block of 4x4x4 voxels, x + 4y + 16z.
+// The same for a block of 4x4x4 voxels, x + 4y + 16z.
 __device__ inline void BlendBlockInPool(const BrickPool& pool, const int (&first)[3], uint64_t mask, uint32_t key) {
   while (__any_sync(~0u, mask != 0) != 0) {
     const int n = mask == 0 ? 0 : __ffsll(static_cast<long long>(mask)) - 1;
     const InBrick in(pool, first, {n & 3, n >> 2 & 3, n >> 4});
-    // Voxels from low to low + 8 of each axis.
+    // Masks of the voxels from low to low + 8 of each axis.
     constexpr int kStep[3] = {1, 4, 16};
     constexpr uint64_t kPlane[3] = {0x1111'1111'1111'1111, 0x000f'000f'000f'000f, 0xffff};
     uint64_t here = mask;

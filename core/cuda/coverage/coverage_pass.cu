@@ -49,7 +49,7 @@ bool GoesByFixed(const RunState& state) {
 
 namespace {
 
-// Of a run of FindCells.
+// Triangles per thread of FindCells.
 int RoundsOf(const RunState& state) {
   return RoundsFor(state.mesh.host_view.triangle_count, kFindThreads,
                    uint64_t(state.device.multiprocessors) * kFindBlocks, kMaxFindRounds);

@@ -1,8 +1,9 @@
-// Every triangle a thread, from world space to the voxels that it touches: where it is small they become a record
-// (coverage_record.h), or are blended at once; what is larger or in doubt waits for the kernels of emit_spans.cuh.
+// The coverage pass: one thread per triangle finds the voxels that it touches. Small triangles become a record
+// (coverage_record.h) or are blended at once. Larger triangles, and those for which the floating-point filter is
+// uncertain, are deferred to the kernels of emit_spans.cuh.
 //
-// The order of work is that of WalkCells (small_triangles.cuh): by boxes first, then, packed, by octants and by rows.
-// No host-only includes.
+// The work is ordered as in WalkCells (small_triangles.cuh): first bounding boxes; then, compacted over the block,
+// 2x2x2 masks and rows. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/atomic_blend.cuh"
@@ -15,29 +16,30 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr int kFindThreads = 256;  // not kCellThreads: with 128 sphere10M takes .07 to .09 ms more
+// with 128 threads (kCellThreads) 10 M triangles of a sphere take .07 to .09 ms longer
+inline constexpr int kFindThreads = 256;
 inline constexpr int kMaxFindRounds = 8;
-inline constexpr int kFindBlocks = 4;  // of FindCells on a multiprocessor at once
+inline constexpr int kFindBlocks = 4;  // resident blocks of FindCells per multiprocessor
 
-// What becomes of what is found.
+// The output of the pass.
 enum class CellSink {
-  kRecords,         // records alone
-  kRecordsAndBits,  // and the coverage
-  kBlend,           // blended in place, by maximum, and the coverage
-  kPool,            // blended in a pool of bricks, by maximum
+  kRecords,         // records only
+  kRecordsAndBits,  // records, and bits of the coverage
+  kBlend,           // max blend in the dense target, and bits of the coverage
+  kPool,            // max blend in a brick pool
 };
 
 struct CellArgs {
-  BitArgs walk;                   // `bits` is the coverage; layer_queue takes all that waits
-  uint64_t* records = nullptr;    // of all triangles, in the order in which they are taken
-  uint64_t* blocks = nullptr;     // likewise, masks of those that are blocks
+  BitArgs walk;                   // `bits` is the coverage; layer_queue takes all deferred triangles
+  uint64_t* records = nullptr;    // per triangle, in processing order
+  uint64_t* blocks = nullptr;     // masks of the records that are blocks
   uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: not counted
-  FragmentCounts chunks;          // of the records
+  FragmentCounts chunks;          // fragments per chunk of records
   InPlaceArgs blend;
   BrickPool pool;
 };
 
-// A warp's.
+// Shared memory of a warp.
 template <CellSink kSink>
 struct FindWarpRoom {
   union {
@@ -58,25 +60,26 @@ template <CellSink kSink>
 struct FindRoom {
   static constexpr int kTriangles = kMaxFindRounds * kFindThreads;
   FindWarpRoom<kSink> of_warps[kFindThreads / 32];
-  uint16_t cells[kTriangles];    // that wait for octants, from the begin on, and for rows, from the end on
-  uint16_t waiting[kTriangles];  // for another kernel
+  // Small triangles left to do: for 2x2x2 masks from the front, for rows from the back.
+  uint16_t cells[kTriangles];
+  uint16_t waiting[kTriangles];  // deferred to another kernel
   uint32_t octant_count, row_count, waiting_count;
-  uint32_t turn;  // that the next warp takes
+  uint32_t turn;  // the next work item of a warp
   unsigned long long first;
 };
 
-// The bit of a voxel in the slab's bit grid; grids have less than 2^32.
+// Bit index of a voxel in the slab's bit grid, which has fewer than 2^32 bits.
 __device__ inline uint32_t BitOfVoxel(const GridView& grid, int x, int y, int z) {
   const uint32_t row = uint32_t(grid.dims[1]) * uint32_t(z - int(grid.slab_begin)) + uint32_t(y);
   return row * uint32_t(grid.words_per_row) * 32 + uint32_t(x);
 }
 
-// The octants within the grid, moved so that their corner's first voxel is. False where none is.
+// Clips a 2x2x2 mask to the grid and moves its first voxel inside. False if nothing is left.
 __device__ inline bool KeepInside(const GridView& grid, int (&first)[3], uint32_t& octants) {
   const int low[3] = {0, 0, int(grid.slab_begin)};
   const int high[3] = {int(grid.dims[0]), int(grid.dims[1]), int(grid.slab_end)};
   constexpr uint32_t kNear[3] = {0x55, 0x33, 0x0f};
-  bool inside = true;  // all of them, as most often
+  bool inside = true;  // the usual case
 #pragma unroll
   for (int a = 0; a < 3; ++a) inside = inside & (uint32_t(first[a] - low[a]) < uint32_t(high[a] - low[a] - 1));
   if (inside) return octants != 0;
@@ -92,14 +95,14 @@ __device__ inline bool KeepInside(const GridView& grid, int (&first)[3], uint32_
   return octants != 0;
 }
 
-// From an octant's place about a corner to a voxel's bit.
+// Bit index of voxel `octant` of a 2x2x2 mask whose first voxel has bit index `first`.
 __device__ inline uint32_t BitOfOctant(const GridView& grid, uint32_t first, int octant) {
   const auto row = uint32_t(grid.words_per_row) * 32;
   return first + uint32_t(octant & 1) + ((octant & 2) != 0 ? row : 0) +
          ((octant & 4) != 0 ? row * uint32_t(grid.dims[1]) : 0);
 }
 
-// Sets some of neighbouring bits from one on, at most 32.
+// Sets the bits of mask `which` (up to 32 bits) from bit `first` on.
 __device__ inline void CoverBits(uint32_t* bits, uint32_t first, uint32_t which) {
   const uint64_t mask = uint64_t{which} << (first % 32);
   uint32_t* const word = bits + first / 32;
@@ -107,7 +110,7 @@ __device__ inline void CoverBits(uint32_t* bits, uint32_t first, uint32_t which)
   if (uint32_t(mask >> 32) != 0) atomicOr(word + 1, uint32_t(mask >> 32));
 }
 
-// The rows of a block: visit(the bit of its first voxel, which of four it touches).
+// Calls visit(bit index of the row's first voxel, mask of four voxels) for each row of a block.
 template <typename Visit>
 __device__ inline void ForEachBlockRow(const GridView& grid, uint32_t first, uint64_t mask, Visit&& visit) {
   const auto row = uint32_t(grid.words_per_row) * 32;
@@ -119,7 +122,7 @@ __device__ inline void ForEachBlockRow(const GridView& grid, uint32_t first, uin
   }
 }
 
-// Blends the octants about a corner whose first voxel has the bit `first`, and covers them.
+// Max-blends a key into the voxels of a 2x2x2 mask and sets their coverage.
 __device__ inline void BlendOctants(const CellArgs& args, uint32_t first, uint32_t octants, uint32_t key) {
   const GridView& grid = args.walk.grid;
   const auto row = uint32_t(grid.words_per_row) * 32, layer = row * uint32_t(grid.dims[1]);
@@ -135,8 +138,8 @@ __device__ inline void BlendOctants(const CellArgs& args, uint32_t first, uint32
   }
 }
 
-// Of the octants about corners that a warp's lanes bring, within the grid, leaves those that no other lane brings a
-// larger key to. False where the warp's box does not hold them: then all are left. All lanes call it.
+// Removes from each lane's 2x2x2 mask the voxels for which another lane has a larger key. False if the warp's tile
+// cannot hold all voxels: then masks are unchanged. All lanes call it.
 __device__ inline bool LargestAmongLanes(KeyBox& box, const int (&first)[3], uint32_t& octants, uint32_t key) {
   uint32_t from[3], last[3];
 #pragma unroll
@@ -158,7 +161,7 @@ __device__ inline bool LargestAmongLanes(KeyBox& box, const int (&first)[3], uin
     if ((octants >> i & 1) != 0) atomicMax(cell(i), key);
   }
   __syncwarp();
-  uint32_t smaller = 0;  // all cells are read before any is waited for
+  uint32_t smaller = 0;  // reads all cells before the first use, to overlap latencies
 #pragma unroll
   for (uint32_t i = 0; i < 8; ++i) {
     if ((octants >> i & 1) != 0 && *cell(i) != key) smaller |= 1u << i;
@@ -167,8 +170,8 @@ __device__ inline bool LargestAmongLanes(KeyBox& box, const int (&first)[3], uin
   return true;
 }
 
-// What a warp does with the octants of its lanes' triangles; `takes`: the lane has a triangle, whose octants these are,
-// and whose record. `in_order`: of two lanes the later one has the later triangle.
+// Outputs the 2x2x2 masks of a warp's triangles. `takes`: the lane has a triangle t, and `record` is its record number.
+// `in_order`: triangle ids increase with lanes.
 template <CellSink kSink, int kShader>
 __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& room, bool plain, bool in_order,
                                    bool takes, uint32_t t, uint64_t record, int (&first)[3], uint32_t octants,
@@ -192,15 +195,15 @@ __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& ro
     if (__any_sync(~0u, octants != 0) == 0) return;
     uint32_t key[1] = {};
     if (octants != 0) KeysOf<kShader, 1>(args.blend, /*plain=*/false, t, key);
-    const bool is_float = args.blend.negative != nullptr;  // its keys are never 0
+    const bool is_float = args.blend.negative != nullptr;  // float keys are never 0
     if (is_float && LargestAmongLanes(room.keys, first, octants, key[0])) {
       BlendOctants(args, bit, octants, plain ? key[0] ^ 0x80000000u : key[0]);
       return;
     }
     if (plain) key[0] ^= 0x80000000u;
     if constexpr (kShader >= 0) {
-      // Triangle ids (see FindCells) grow from lane to lane: one of a run has the largest key of an octant, and nothing
-      // is to be combined.
+      // Triangle ids increase with lanes (see FindCells), so one lane of a run has the largest key of a voxel and
+      // nothing has to be combined.
       if (in_order) octants = OctantsAlone(bit, octants, args.blend.blend == InPlace::kMax);
       BlendOctants(args, bit, octants, key[0]);
     } else {
@@ -218,14 +221,14 @@ __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& ro
   }
 }
 
-// What is left to do of a block of voxels, by all lanes of a warp together.
+// A 4x4x4 block found by a lane that the whole warp then blends.
 struct FoundBlock {
   int first[3] = {};  // of the slab
   uint64_t mask = 0;
-  uint32_t key[1] = {};  // not plain
+  uint32_t key[1] = {};  // an order-preserving key, not a plain float
 };
 
-// The same of the rows of a block.
+// Max-blends a key into the voxels of a 4x4x4 block and sets their coverage.
 __device__ inline void BlendBlock(const CellArgs& args, uint32_t first, uint64_t mask, uint32_t key) {
   ForEachBlockRow(args.walk.grid, first, mask, [&](uint32_t at, uint32_t four) {
     CoverBits(args.walk.bits, at, four);
@@ -237,14 +240,15 @@ __device__ inline void BlendBlock(const CellArgs& args, uint32_t first, uint64_t
   });
 }
 
-// Whether a triangle with a box goes as a block.
+// True if a triangle with this bounding box fits in a 4x4x4 block.
 __device__ inline bool IsBlock(const BitArgs& walk, const FixedBox& box) {
   int begin[3], end[3];
   ClipBox(walk, box, begin, end);
   return max(end[0] - begin[0], max(end[1] - begin[1], end[2] - begin[2])) <= kBlockSide;
 }
 
-// Its voxels, from voxel `begin` of the grid on; false if some is in doubt.
+// Finds the voxels of such a triangle, relative to voxel `begin` of the grid. False if the filter is uncertain for some
+// voxel.
 template <bool kThin, bool kPacked>
 __device__ inline bool FindBlock(const BitArgs& walk, uint32_t t, CellSpan* table, int (&begin)[3], uint64_t& mask) {
   const FixedCorners v = LoadFixed<kPacked>(walk, t);
@@ -253,7 +257,7 @@ __device__ inline bool FindBlock(const BitArgs& walk, uint32_t t, CellSpan* tabl
   ClipBox(walk, box, begin, end);
   uint64_t found = 0;
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
-  const bool run = !kThin && single >= 2;  // of the run class
+  const bool run = !kThin && single >= 2;  // touches a single run of voxels
   const int outside = begin[0] - box.first[0];
   const auto add = [&](int y, int z, int x, int count) {
     found |= uint64_t{(1u << count) - 1} << (x - outside + kBlockSide * (y + kBlockSide * z));
@@ -263,7 +267,7 @@ __device__ inline bool FindBlock(const BitArgs& walk, uint32_t t, CellSpan* tabl
   return true;
 }
 
-// A triangle of few rows as a block, which has the record; false if some voxel is in doubt.
+// Outputs a triangle of few rows as a block. False if the filter is uncertain for some voxel.
 template <bool kThin, CellSink kSink, int kShader, bool kPacked>
 __device__ inline bool TakeBlock(const CellArgs& args, uint32_t t, uint64_t record, CellSpan* table,
                                  uint64_t& fragments, FoundBlock& found) {
@@ -288,8 +292,8 @@ __device__ inline bool TakeBlock(const CellArgs& args, uint32_t t, uint64_t reco
   return true;
 }
 
-// Puts a block's triangles that wait for another kernel into the layer queue. triangle_at(number of the block's);
-// `first` is in shared memory. All threads of the block call it, after a barrier.
+// Appends a thread block's deferred triangles to the layer queue. triangle_at maps a number within the block to a
+// triangle; `first` is in shared memory. All threads of the block call it, after a barrier.
 template <typename TriangleAt>
 __device__ inline void QueueWaiting(const BitArgs& walk, const uint16_t* waiting, uint32_t count,
                                     unsigned long long& first, TriangleAt&& triangle_at) {
@@ -300,7 +304,7 @@ __device__ inline void QueueWaiting(const BitArgs& walk, const uint16_t* waiting
   for (uint32_t i = threadIdx.x; i < count; i += blockDim.x) walk.layer_queue[first + i] = triangle_at(waiting[i]);
 }
 
-// kShader: that of triangle ids, whose numbers grow with the triangles, or -1 for any. kPacked: the walk has packed
+// kShader: the triangle-id shader, whose values increase with triangles, or -1 for any other. kPacked: reads packed
 // corners.
 template <bool kThin, CellSink kSink, int kShader, bool kPacked>
 __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __grid_constant__ CellArgs args) {
@@ -348,7 +352,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     AppendInBlock(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
   }
   __syncthreads();
-  // Warps take what is left as they come to it: rows first, which take longest.
+  // Dynamic scheduling of the remaining work over warps: rows first, since they take longest.
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
   const uint32_t row_turns = (row_count + 31) / 32, turns = row_turns + (octant_count + 31) / 32;
   for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
@@ -357,7 +361,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     if (turn < row_turns) {
       const uint32_t i = turn * 32 + threadIdx.x % 32;
       FoundBlock found;
-      __syncwarp();  // what the table lies over is read
+      __syncwarp();  // the table aliases shared memory that is read above
       if (i < row_count) {
         local = room.cells[FindRoom<kSink>::kTriangles - 1 - int(i)];
         doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, uint32_t(chunk + local), chunk + local,

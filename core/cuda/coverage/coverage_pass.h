@@ -1,4 +1,5 @@
-// The first kernel of blending without tiles and of the A-buffer. Included by .cu files only.
+// Launches the coverage pass, the first kernel of scatter blending and of the A-buffer, and the span kernels behind it.
+// Included by .cu files only.
 #pragma once
 
 #include "cuda/coverage/coverage_pass.cuh"
@@ -9,31 +10,30 @@
 
 namespace voxelpipe::cuda {
 
-// Whether walks over the run's triangles go by fixed point; where not, all triangles wait for what comes behind the
-// walk.
+// True if the fixed-point filter can be used for the run's triangles. Otherwise all triangles are deferred.
 bool GoesByFixed(const RunState& state);
 
-// Gives every triangle of the slab to a sink, and what is not small to the queues; state.counters has how many wait.
-// kBlend, kPool: `blend` says where and how, `by_id` that the value is the triangle's id. `fragments`: FragmentSlots,
-// which are cleared before; or null.
+// Runs the coverage pass over the slab's triangles with an output `sink`. Other than small triangles are appended to
+// the queues, whose lengths are in state.counters. kBlend, kPool: `blend` has the target; `by_id`: the value is the
+// triangle's id. `fragments`: FragmentSlots, cleared first, or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
                           bool by_id = false, const BrickPool* pool = nullptr);
-// The same, for the A-buffer: records, and how many fragments they have, in state.a_buffer.fragment_first and behind the
-// counters, as `counts` then says.
+// The same for the A-buffer: writes records and counts their fragments in state.a_buffer.fragment_first and behind the counters,
+// as described by `counts`.
 absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts);
 
-// Clears the queues, and `fragments` as FindAllCells does, and makes room for all triangles to wait.
+// Clears the queue counters, and `fragments` as in FindAllCells, and sizes the queues for all triangles.
 absl::Status PrepareQueues(RunState& state, const uint64_t* fragments);
 
-// What waits after FindAllCells, of triangles [begin, end).
+// The triangles [begin, end) deferred by FindAllCells.
 RestArgs MakeRestArgs(const RunState& state, uint64_t begin, uint64_t end, bool repeats);
 
-// Blocks of EmitRest.
+// Number of blocks of EmitRest.
 inline unsigned RestBlocks(const RunState& state) {
   const uint64_t most = std::max<uint64_t>(state.mesh.host_view.triangle_count, 1);
   return unsigned(std::min<uint64_t>(uint64_t(state.device.multiprocessors) * kRestBlocks, (most + 3) / 4));
 }
-// The list of spans, as it stands in the slab's arrays: counted by state.counters[kSpans].
+// The slab's span list, with its length in state.counters[kSpans].
 inline SpanList ListOf(RunState& state) {
   SpanList list;
   list.spans = state.lists.spans.data();
@@ -44,22 +44,22 @@ inline SpanList ListOf(RunState& state) {
   return list;
 }
 
-// Gives the rows of the large queue to writers.
+// Passes the rows of the large queue to a writer.
 template <typename Writer>
 absl::Status EmitLargeQueue(const RunState& state, const RestArgs& args, const typename Writer::Args& out) {
   constexpr int kRoom = kSetupsOfBlock * int(sizeof(SharedSetup));
-  static_assert(kRoom <= 48 << 10);  // more must be asked for
+  static_assert(kRoom <= 48 << 10);  // more needs an opt-in
   LaunchEarly(BeginsEarly(state.device), state.stream, unsigned(state.device.multiprocessors) * 6, kRestThreads, kRoom,
               EmitLarge<Writer>, args, out);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitLarge");
   return absl::OkStatus();
 }
 
-// Gives the rows of what waits to writers.
+// Passes the rows of all deferred triangles to a writer.
 template <typename Writer>
 absl::Status EmitWaiting(const RunState& state, const RestArgs& args, const typename Writer::Args& out) {
   constexpr int kRoom = kRestThreads / 32 * kSetupsOfWarp * int(sizeof(SharedSetup));
-  static_assert(kRoom <= 48 << 10);  // more must be asked for
+  static_assert(kRoom <= 48 << 10);  // more needs an opt-in
   LaunchEarly(BeginsEarly(state.device), state.stream, RestBlocks(state), kRestThreads, kRoom, EmitRest<Writer>, args,
               out);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitRest");

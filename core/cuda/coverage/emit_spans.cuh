@@ -1,11 +1,10 @@
-// The kernels that list the rows of voxels of what FindCells (coverage_pass.cuh) leaves: who covers which voxels, as
-// records of 8 bytes that further kernels take in any order. The walk is done once, whatever is blended then, and
-// blending is balanced: a thread a span.
+// Rasterizes the triangles deferred by FindCells (coverage_pass.cuh) exactly and lists their rows of voxels as 8-byte
+// spans, which later kernels read in any order. Coverage is computed once for all targets, and blending is balanced:
+// one thread per span.
 //
-// Warps append to pieces of the list that they take one after the other, those of EmitRest first to a small one that
-// each has at the list's begin: an atomic that returns takes long where all wait for one address. The lanes of a warp
-// always do so together. What is done with the rows is the writer's: it has Args, kPartsInRow, and Put and Finish as
-// SpanWriter. No host-only includes.
+// Warps append to chunks of the list that they reserve; warps of EmitRest start with a small chunk at the front of the
+// list. One reservation per chunk reduces contention on the counter. All lanes of a warp append together. The writer
+// decides what is done with rows: it has Args, kPartsInRow, Put and Finish, like SpanWriter. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/span_segments.cuh"
@@ -15,33 +14,34 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr unsigned kSpansOfPiece = 512;  // what a warp takes of the list at a time
-inline constexpr int kRestBlocks = 4;           // of EmitRest on a multiprocessor at once
-inline constexpr unsigned kOwnSpans = 32;       // what each warp of EmitRest has of it from the start
-inline constexpr uint32_t kNoPiece = ~0u;       // of a warp that has none
+inline constexpr unsigned kSpansOfPiece = 512;  // chunk of the list that a warp reserves
+inline constexpr int kRestBlocks = 4;           // resident blocks of EmitRest per multiprocessor
+inline constexpr unsigned kOwnSpans = 32;       // size of the initial chunk of each warp of EmitRest
+inline constexpr uint32_t kNoPiece = ~0u;       // the warp has no initial chunk
 
-// What waits, in layer_queue of `walk`; the largest go on to large_queue.
+// The deferred triangles, in layer_queue of `walk`; the largest are moved to large_queue.
 struct RestArgs {
   BitArgs walk;
-  uint64_t first_triangle = 0, end_triangle = 0;  // others are left out
-  bool repeats = false;                           // the large queue stands already
+  uint64_t first_triangle = 0, end_triangle = 0;  // the range of triangles to process
+  bool repeats = false;                           // large_queue is filled already
 };
 
-// The list.
+// The span list.
 struct SpanList {
   uint64_t* spans = nullptr;
-  uint64_t capacity = 0;      // spans beyond it are counted, but not kept
-  uint64_t own = 0;           // entries at the begin, kOwnSpans for each warp of EmitRest; 0: none has its own
-  uint64_t* count = nullptr;  // of entries behind those
+  uint64_t capacity = 0;      // spans beyond it are counted but not stored
+  uint64_t own = 0;           // length of the initial chunks at the front, kOwnSpans per warp of EmitRest; 0: none
+  uint64_t* count = nullptr;  // number of entries behind those
 };
 
 struct SpanArgs {
   GridView grid;
   SpanList list;
-  uint32_t* bits = nullptr;       // bit grid: becomes the coverage
-  bool look_first = false;        // where many triangles share a voxel: reading a word is cheaper than an atomic
-  uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: they are counted already
-  uint32_t first_triangle = 0;    // the list's: spans have triangles less this
+  uint32_t* bits = nullptr;  // bit grid: coverage to set
+  // Read a word before the atomic: cheaper if many triangles share a voxel.
+  bool look_first = false;
+  uint64_t* fragments = nullptr;  // kFragmentSlots counters; null: counted already
+  uint32_t first_triangle = 0;    // subtracted from the triangle numbers of spans
 };
 
 __device__ inline unsigned long long* Counted(uint64_t* p) {
@@ -59,39 +59,39 @@ __device__ inline void CoverSpan(const SpanArgs& args, uint64_t span) {
   }
 }
 
-// A row of the bit grid, counted over its layers.
+// Row index in the slab's bit grid.
 __device__ inline uint32_t BitRow(const GridView& grid, int y, int z) {
   return uint32_t(grid.dims[1]) * uint32_t(z - int(grid.slab_begin)) + uint32_t(y);
 }
 
-// Adds what the lanes bring to one of kFragmentSlots counters. All threads of a warp call it.
+// Adds the counts of all lanes to one of kFragmentSlots counters. All threads of a warp call it.
 __device__ inline void AddFragments(uint64_t* counters, uint64_t count) {
   for (int step = 16; step > 0; step /= 2) count += __shfl_down_sync(~0u, count, step);
   if (threadIdx.x % 32 == 0 && count > 0) atomicAdd(Counted(counters + blockIdx.x % kFragmentSlots), 0ull + count);
 }
 
-// A warp's way to append to a list: it takes a piece of the list after the other. All 32 lanes call it together.
+// Appends to a list from a warp, which reserves one chunk of kPiece entries at a time. All 32 lanes call it together.
 template <typename T, unsigned kPiece>
 class PieceWriter {
  public:
-  // A list of `capacity` entries, of which `count` counts those from `begin` on; `nothing` fills what is left of a
-  // piece.
+  // A list of `capacity` entries; `count` counts the entries from `begin` on. `nothing` pads the unused rest of a
+  // chunk.
   __device__ PieceWriter(T* list, uint64_t capacity, uint64_t begin, uint64_t* count, T nothing)
       : list_(list), capacity_(capacity), begin_(begin), count_(count), nothing_(nothing) {}
 
-  // `entries` of the list, which is as large as that, are this warp's own; before the first Put.
+  // Starts with `entries` reserved entries at `at`, within the capacity. Before the first Put.
   __device__ void Begin(uint64_t at, unsigned entries) {
     at_ = list_ + at;
     room_ = entries;
     kept_ = true;
   }
 
-  // One entry of each lane in `lanes`.
+  // Appends one entry for each lane in the mask `lanes`.
   __device__ void Put(uint32_t lanes, T entry) {
     const unsigned lane = threadIdx.x % 32;
     auto total = unsigned(__popc(lanes)), mine = unsigned(__popc(lanes & ((1u << lane) - 1)));
     const bool puts = (lanes >> lane & 1) != 0;
-    if (total > room_) {  // the first of them where there is room, the others in the next piece
+    if (total > room_) {  // fills the current chunk, then opens the next one
       const unsigned here = room_;
       if (puts && mine < here && kept_) at_[mine] = entry;
       Open();
@@ -127,7 +127,7 @@ class PieceWriter {
   }
 };
 
-// A warp's way to append to the list of spans. `number`: of the warp in EmitRest; kNoPiece in other kernels.
+// Appends to the span list. `number`: of the warp in EmitRest; kNoPiece in other kernels.
 class SpanListWriter : public PieceWriter<uint64_t, kSpansOfPiece> {
  public:
   __device__ SpanListWriter(const SpanList& list, uint32_t number)
@@ -136,8 +136,8 @@ class SpanListWriter : public PieceWriter<uint64_t, kSpansOfPiece> {
   }
 };
 
-// The spans of a row of each lane, a word of every row at a time, for most rows have one: visit(lanes that have one,
-// this lane's).
+// Splits the row of each lane into spans, one word of each row per iteration, since most rows have one: visit(mask of
+// lanes with a span, this lane's span).
 template <typename Visit>
 __device__ inline void ForEachSpan(const GridView& grid, uint32_t t, uint32_t row, int x_begin, int x_end,
                                    Visit&& visit) {
@@ -154,14 +154,14 @@ __device__ inline void ForEachSpan(const GridView& grid, uint32_t t, uint32_t ro
   }
 }
 
-// The same of spans: rows of voxels.
+// A writer that lists spans.
 class SpanWriter {
  public:
   using Args = SpanArgs;
   static constexpr bool kPartsInRow = false;  // see PartsOfWarp
   __device__ SpanWriter(const SpanArgs& args, uint32_t number) : args_(args), list_(args.list, number) {}
 
-  // Voxels of one row of each lane whose row is not empty.
+  // Appends one row of voxels per lane; it may be empty.
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     if (x_begin < x_end) fragments_ += uint32_t(x_end - x_begin);
     ForEachSpan(args_.grid, t - args_.first_triangle, row, x_begin, x_end, [&](uint32_t lanes, uint64_t span) {
@@ -181,7 +181,8 @@ class SpanWriter {
   uint64_t fragments_ = 0;
 };
 
-// As WalkRest. With fewer registers, for more blocks, what is set up goes to memory in part. May begin early.
+// Like WalkRest, but limited to fewer registers for more resident blocks, so part of the setup spills. Supports
+// programmatic dependent launch.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, kRestBlocks)
     EmitRest(const __grid_constant__ RestArgs args, const __grid_constant__ typename Writer::Args out) {
@@ -209,7 +210,7 @@ __global__ void __launch_bounds__(kRestThreads, kRestBlocks)
       }
       rows = 0;
     }
-    // The rows of all of them in a row, a lane each.
+    // Distributes the rows of all triangles over lanes.
     uint32_t total;
     const uint32_t before = WarpExclusiveSum(uint32_t(rows), total);
     __syncwarp();
@@ -226,10 +227,9 @@ __global__ void __launch_bounds__(kRestThreads, kRestBlocks)
   writer.Finish();
 }
 
-inline constexpr int kRowsOfPart = 256;  // of a layer, that a warp takes at once
+inline constexpr int kRowsOfPart = 256;  // rows of a layer per work item of a warp
 
-// Rows [y_begin, y_end) of a layer of a set-up, by a warp: what they share is computed once for all that a lane has of
-// them.
+// Outputs rows [y_begin, y_end) of a layer of a triangle, by a warp. Row-invariant terms are computed once per lane.
 template <typename Real, typename Writer>
 __device__ inline void PutLayer(const SpanBounds<Real>& bounds, const SharedSetup& s, const GridView& grid, int z,
                                 int y_begin, int y_end, Writer& writer) {
@@ -246,12 +246,12 @@ __device__ inline void PutLayer(const SpanBounds<Real>& bounds, const SharedSetu
   }
 }
 
-// Which of `all` parts warp `warp` of `warps` takes: first, first + step, ...
+// The work items of one warp out of `all`: first, first + step, ...
 struct WarpParts {
   uint32_t first, end, step;
 };
-// kInRow: parts that follow one another, most often all of one triangle; else every `warps`-th, so that what is drawn
-// at a time lies together.
+// kInRow: contiguous items, usually of one triangle; otherwise interleaved over warps, so that concurrent writes are
+// close together.
 template <bool kInRow>
 __device__ inline WarpParts PartsOfWarp(uint32_t all, uint32_t warp, uint32_t warps) {
   if constexpr (!kInRow) return {warp, all, warps};
@@ -259,7 +259,7 @@ __device__ inline WarpParts PartsOfWarp(uint32_t all, uint32_t warp, uint32_t wa
   return {first, min(first + of_warp, all), 1};
 }
 
-// As WalkLarge, but by parts of layers, a warp each. May begin early.
+// Like WalkLarge, but each warp takes parts of layers. Supports programmatic dependent launch.
 template <typename Writer>
 __global__ void __launch_bounds__(kRestThreads, 6)
     EmitLarge(const __grid_constant__ RestArgs args, const __grid_constant__ typename Writer::Args out) {

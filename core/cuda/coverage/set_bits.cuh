@@ -1,11 +1,11 @@
-// The set bits of a bit grid, most of whose words are empty, so that a warp's lanes have one each. No host-only includes.
+// Enumerates the set bits of a mostly empty bit grid, so that every lane of a warp has one. No host-only includes.
 #pragma once
 
 #include "cuda/traversal/row_traversal.cuh"
 
 namespace voxelpipe::cuda {
 
-// Four words of an array from number `at` on, a multiple of 4; those behind its end are 0.
+// Loads words [at, at + 4) of an array, `at` a multiple of 4; words past the end read as 0.
 __device__ inline uint4 FourWords(const uint32_t* array, uint64_t at, uint64_t words) {
   if (at + 4 <= words) return *reinterpret_cast<const uint4*>(array + at);
   uint4 four{0, 0, 0, 0};
@@ -15,18 +15,18 @@ __device__ inline uint4 FourWords(const uint32_t* array, uint64_t at, uint64_t w
   return four;
 }
 
-inline constexpr uint64_t kWordsOfWarp = 128;  // that a warp looks at a time
+inline constexpr uint64_t kWordsOfWarp = 128;  // words per iteration of a warp
 
-// The set bits of a warp's words of a bit grid, numbered in order, for most words are empty. All lanes call each.
+// The set bits of a warp's kWordsOfWarp words, numbered in order. All lanes call each function.
 class SetBits {
  public:
-  // Of kWordsOfWarp words from number `begin` on.
+  // For the words from `begin` on.
   __device__ SetBits(const uint32_t* grid, uint64_t begin, uint64_t words)
       : begin_(begin), four_(FourWords(grid, begin + threadIdx.x % 32 * 4, words)) {
     before_ = WarpExclusiveSum(uint32_t(__popc(four_.x) + __popc(four_.y) + __popc(four_.z) + __popc(four_.w)), total_);
   }
   __device__ uint32_t total() const { return total_; }
-  // Where a lane's bit stands; of no meaning where there are not so many.
+  // Position of set bit `number`; undefined if there are not so many.
   __device__ void Find(uint32_t number, uint64_t& word, uint32_t& x) const {
     const int owner = LaneOfItem(before_, number);
     int left = int(number - __shfl_sync(~0u, before_, owner));
@@ -50,8 +50,8 @@ class SetBits {
   uint32_t before_, total_;
 };
 
-// Calls visit(word, x) for the set bits of a bit grid that begins at a multiple of 16 bytes, each by a lane. `warps`
-// share its words, of which this is number `warp`; all lanes call it.
+// Calls visit(word, x) for every set bit of a bit grid that is aligned to 16 bytes, one bit per lane. The words are
+// divided among `warps` warps; this is number `warp`. All lanes call it.
 template <typename Visit>
 __device__ inline void ForEachSetBit(const uint32_t* grid, uint64_t words, uint64_t warp, uint64_t warps,
                                      Visit&& visit) {

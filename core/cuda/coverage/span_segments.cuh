@@ -1,4 +1,5 @@
-// Neighbours in a list of spans that cover the same voxels: those of small triangles often do. No host-only includes.
+// Segmented reduction over adjacent spans of the same voxels, which are frequent for small triangles. No host-only
+// includes.
 #pragma once
 
 #include "cuda/primitives/span.h"
@@ -6,13 +7,13 @@
 
 namespace voxelpipe::cuda {
 
-// Lanes in a row whose spans cover the same voxels: the first of them blends for all.
+// A segment of adjacent lanes whose spans cover the same voxels. Its first lane blends for all.
 struct LaneRun {
-  uint32_t heads;   // lanes that are the first
-  int first, last;  // of this lane's
+  uint32_t heads;   // mask of the first lanes of segments
+  int first, last;  // lanes of this lane's segment
   __device__ bool head() const { return first == int(threadIdx.x % 32); }
 };
-// All 32 lanes call it.
+// Finds the segments. All 32 lanes call it.
 __device__ inline LaneRun FindRun(uint64_t span) {
   const uint64_t key = span & ((uint64_t{1} << 37) - 1), left = __shfl_up_sync(~0u, key, 1);
   const unsigned lane = threadIdx.x % 32;
@@ -23,10 +24,10 @@ __device__ inline LaneRun FindRun(uint64_t span) {
   run.last = (run.heads & ~upto) == 0 ? 31 : __ffs(int(run.heads & ~upto)) - 2;
   return run;
 }
-// The values of a run together, in its first lane. All 32 lanes call it.
+// Reduces the values of each segment into its first lane. All 32 lanes call it.
 template <typename T, typename Combine>
 __device__ inline T CombineRun(const LaneRun& run, T value, Combine&& combine) {
-  uint32_t longer = ~run.heads;  // bits in a row: as many as the longest run has lanes behind its first
+  uint32_t longer = ~run.heads;  // the run length of ones is the longest segment - 1
   for (int step = 1; longer != 0; longer &= longer << step, step *= 2) {
     const T other = __shfl_down_sync(~0u, value, unsigned(step));
     if (int(threadIdx.x % 32) + step <= run.last) value = combine(value, other);
@@ -34,9 +35,9 @@ __device__ inline T CombineRun(const LaneRun& run, T value, Combine&& combine) {
   return value;
 }
 
-// The voxels of a span of each lane, side by side in the lanes: neighbours of a row meet in one access of memory.
-// visit(lane of the span, how many voxels of it lie before this one, whether there is one). All 32 lanes call it, and
-// all call visit together.
+// Distributes the voxels of all lanes' spans over lanes, so that accesses to neighbours in a row coalesce. Calls
+// visit(lane of the span, voxel's offset in it, true if there is a voxel). All 32 lanes call it, and all call visit
+// together.
 template <typename Visit>
 __device__ inline void ForEachVoxel(uint32_t length, Visit&& visit) {
   uint32_t total;

@@ -1,11 +1,12 @@
-// Triangles that touch voxels about one corner, neighbours in a list: those of a mesh often do. No host-only includes.
+// Segmented reduction over adjacent lanes whose triangles touch voxels around the same grid corner, which is frequent
+// in meshes. No host-only includes.
 #pragma once
 
 #include "cuda/traversal/row_traversal.cuh"
 
 namespace voxelpipe::cuda {
 
-// What the lanes of a warp bring; in shared memory, one a warp.
+// Shared memory of a warp: the inputs of its lanes.
 template <typename T, int kComponents>
 struct alignas(16) CellRunRoom {
   T value[32][kComponents];
@@ -13,19 +14,20 @@ struct alignas(16) CellRunRoom {
   uint8_t begin[33];
 };
 
-// What is combined for an octant of a run.
+// The combined value of one voxel of a segment.
 template <typename T, int kComponents>
 struct OctantOfRun {
-  uint32_t first;   // of the run, as the lanes brought it
-  int octant;       // this lane's
+  uint32_t first;   // first voxel of the segment's 2x2x2 mask, as passed in
+  int octant;       // the voxel of this lane, 0 to 7
   uint32_t count;   // triangles that touch it; 0: nothing to do
-  uint32_t beside;  // triangles that touch the next octant, in the next lane
+  uint32_t beside;  // triangles that touch the next voxel, in the next lane
   T value[kComponents];
 };
 
-// Each lane brings the voxel of a corner, the octants about it that its triangle touches, and a value. Lanes in a row
-// with one corner are a run: combine(kept, value) is done for each of its octants, then emit(OctantOfRun) is called: by
-// eight lanes for the octants of a run, four runs at a time. All 32 lanes call it, and all call emit together.
+// Each lane passes the first voxel of a 2x2x2 mask, the mask, and a value. Adjacent lanes with the same first voxel
+// form a segment. For each voxel of a segment, values are reduced by combine(kept, value) and passed to
+// emit(OctantOfRun): eight lanes per segment, four segments at a time. All 32 lanes call it, and all call emit
+// together.
 template <typename T, int kComponents, typename Combine, typename Emit>
 __device__ inline void CombineRuns(CellRunRoom<T, kComponents>& room, uint32_t first, uint32_t octants,
                                    const T (&value)[kComponents], Combine&& combine, Emit&& emit) {
@@ -35,13 +37,13 @@ __device__ inline void CombineRuns(CellRunRoom<T, kComponents>& room, uint32_t f
   const bool head = lane == 0 || left != first;
   const unsigned heads = __ballot_sync(~0u, head);
   const int runs = __popc(heads), octant = int(lane % 8);
-  uint32_t touching = 0;  // lanes whose triangles touch this lane's octant of their own corner
+  uint32_t touching = 0;  // mask of lanes whose triangles touch this lane's voxel of their own 2x2x2 mask
 #pragma unroll
   for (int k = 0; k < 8; ++k) {
     const uint32_t lanes = __ballot_sync(~0u, (octants >> k & 1) != 0);
     if (octant == k) touching = lanes;
   }
-  __syncwarp();  // the room is free
+  __syncwarp();  // the shared memory is free
   room.first[lane] = first;
 #pragma unroll
   for (int c = 0; c < kComponents; ++c) room.value[lane][c] = value[c];
@@ -73,9 +75,8 @@ __device__ inline void CombineRuns(CellRunRoom<T, kComponents>& room, uint32_t f
   }
 }
 
-// Of the octants that a lane's triangle touches, those that no later lane of its run (`last`), or no earlier one,
-// touches: all that are to be blended where the largest of values that grow, or fall, from lane to lane is sought. All
-// 32 lanes call it.
+// Reduces each lane's mask to the voxels that no later lane of its segment touches (`last`; otherwise no earlier one):
+// all that must be blended by a max or min of values that are monotonic in the lane. All 32 lanes call it.
 __device__ inline uint32_t OctantsAlone(uint32_t first, uint32_t octants, bool last) {
   const unsigned lane = threadIdx.x % 32;
   const uint32_t left = __shfl_up_sync(~0u, first, 1);
