@@ -1,12 +1,11 @@
-// Blending of one shaded fragment into the accumulators of its voxel, by atomics whose result no order changes. No
-// host-only includes.
+// Blends a shaded fragment into the accumulators of its voxel by order-independent atomics. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/accumulators.cuh"
 
 namespace voxelpipe::cuda {
 
-// Blends a fragment that the target keeps into its accumulators.
+// Blends a fragment that was not discarded.
 __device__ inline void BlendShaded(const ShadedTarget& shaded, const FragmentOutput& out, uint32_t triangle,
                                    uint32_t rank) {
   const CudaTarget& target = shaded.target;

@@ -1,9 +1,8 @@
-// Shading of the fragments that coverage records (coverage_record.h) and spans (span.h) stand for, and their blending
-// into accumulators. No host-only includes.
+// Shades the fragments of coverage records (coverage_record.h) or spans (span.h) and blends them into accumulators. No
+// host-only includes.
 //
-// A block takes as many records as it has threads, makes what their triangles' fragments share, and numbers the
-// fragments by a scan; then every thread shades one fragment at a time, whatever triangle it is of, so that all lanes
-// of a warp are busy. Blends are atomics whose result no order changes.
+// A block loads one record per thread, computes the inputs shared by a triangle's fragments, and numbers all fragments
+// by a scan. Then each thread shades one fragment at a time, of any triangle, so that all lanes of a warp are busy.
 #pragma once
 
 #include "cuda/coverage/accumulators.cuh"
@@ -20,23 +19,23 @@ namespace voxelpipe::cuda {
 inline constexpr int kShadeThreads = 128;
 
 struct CoverageShadingArgs {
-  // Records of triangles, and the masks of those that are blocks; or, if `spans` is set, spans.
+  // Records and the masks of blocks; or spans, if `spans` is set.
   const uint64_t *records = nullptr, *blocks = nullptr, *spans = nullptr;
   uint64_t count = 0;
-  uint32_t first_triangle = 0;  // of spans: SpanArgs'
+  uint32_t first_triangle = 0;  // of spans: as in SpanArgs
   GridView grid;
   Divisor by_words_per_row, by_ny;
   const MeshView* mesh = nullptr;
-  ShaderTraits traits;  // of all targets' shaders together
+  ShaderTraits traits;  // union over all targets' shaders
   Ranks ranks;
-  uint32_t* coverage = nullptr;  // bit grid: voxels with a fragment that some target keeps; null: all are covered
+  uint32_t* coverage = nullptr;  // bit grid of voxels with a fragment that some target keeps; null: all are covered
   ShadedTarget targets[kMaxTargets];
   int target_count = 0;
 };
 
-// What a record or a span covers: voxels from the bit `first` on.
+// The voxels of a record or span, from bit index `first` on.
 struct CoverageEntry {
-  uint64_t mask;  // of a block x + 4y + 16z, of octants x + 2y + 4z, of a span as many low bits as it is long
+  uint64_t mask;  // block: x + 4y + 16z; 2x2x2: x + 2y + 4z; span: the lowest `length` bits
   uint32_t first, triangle;
   CellKind kind;  // kOther: a span
 };
@@ -54,14 +53,14 @@ __device__ inline CoverageEntry LoadEntry(const CoverageShadingArgs& args, uint6
   }
   const uint64_t record = args.records[i];
   entry.kind = KindOfCell(record);
-  if (entry.kind == CellKind::kOther) return entry;  // its spans are listed
+  if (entry.kind == CellKind::kOther) return entry;  // its spans are in the list
   entry.mask = entry.kind == CellKind::kBlock ? args.blocks[i] : OctantsOfCell(record);
   entry.first = FirstOfCell(record);
   entry.triangle = uint32_t(i);
   return entry;
 }
 
-// The position of set bit number n of a mask that has more than n.
+// Position of set bit n of a mask with more than n set bits.
 __device__ inline uint32_t SelectBit(uint64_t mask, uint32_t n) {
   uint32_t at = 0, half = uint32_t(mask);
   if (const auto low = uint32_t(__popc(half)); n >= low) {
@@ -80,7 +79,7 @@ __device__ inline uint32_t SelectBit(uint64_t mask, uint32_t n) {
   return at;
 }
 
-// The bit of fragment n of an entry in the slab's bit grid.
+// Bit index of fragment n of an entry in the slab's bit grid.
 __device__ inline uint32_t BitOfFragment(const CoverageShadingArgs& args, const CoverageEntry& entry, uint32_t n) {
   if (entry.kind == CellKind::kOther) return entry.first + n;
   const uint32_t i = SelectBit(entry.mask, n), log = entry.kind == CellKind::kBlock ? 2 : 1, side = (1u << log) - 1;
@@ -88,7 +87,7 @@ __device__ inline uint32_t BitOfFragment(const CoverageShadingArgs& args, const 
   return entry.first + (i & side) + row * (i >> log & side) + layer * (i >> 2 * log);
 }
 
-// The fragment of a triangle at the voxel of a bit.
+// Shades and blends a triangle's fragment at the voxel of a bit index.
 __device__ inline void ShadeAndBlend(const CoverageShadingArgs& args, const TriangleInput& triangle, uint32_t bit) {
   const uint32_t word = bit / 32, x = bit % 32;
   const uint32_t row = Quotient(word, args.by_words_per_row), z = Quotient(row, args.by_ny);
@@ -134,14 +133,14 @@ __global__ void __launch_bounds__(kShadeThreads) ShadeCoverage(const __grid_cons
     before[threadIdx.x] = earlier + in_warp;
     __syncthreads();
     for (uint32_t f = threadIdx.x; f < total; f += kShadeThreads) {
-      uint32_t i = 0;  // the last entry whose first fragment is not behind f
+      uint32_t i = 0;  // binary search: the last entry whose first fragment is not after f
 #pragma unroll
       for (uint32_t step = kShadeThreads / 2; step > 0; step /= 2) {
         if (before[i + step] <= f) i += step;
       }
       ShadeAndBlend(args, triangles[i], BitOfFragment(args, entries[i], f - before[i]));
     }
-    __syncthreads();  // the shared arrays are free again
+    __syncthreads();  // the shared arrays are free
   }
 }
 

@@ -1,4 +1,4 @@
-// Shaders on a list of fragments, each by itself. No host-only includes.
+// Runs fragment shaders on a list of independent fragments. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/views.h"
@@ -8,9 +8,9 @@
 
 namespace voxelpipe::cuda {
 
-// What all fragments of a triangle share.
+// Shader inputs shared by all fragments of a triangle.
 struct TriangleInput {
-  FragmentInput in;     // but for the voxel and barycentrics
+  FragmentInput in;     // except voxel and barycentrics
   TrianglePlane plane;  // if the shaders need barycentrics
 };
 
@@ -26,7 +26,7 @@ __device__ inline void MakeTriangleInput(const MeshView& mesh, const ShaderTrait
   out.in = MakeFragmentInput(mesh, t, out.plane.degenerate, traits.reads_textures());
 }
 
-// The triangle's fragment at a voxel of the grid.
+// Shader input of the triangle's fragment at a voxel of the grid.
 __device__ inline FragmentInput InputAt(const TriangleInput& triangle, const ShaderTraits& traits,
                                         const int64_t (&voxel)[3]) {
   FragmentInput in = triangle.in;
@@ -35,23 +35,23 @@ __device__ inline FragmentInput InputAt(const TriangleInput& triangle, const Sha
   return in;
 }
 
-inline constexpr uint32_t kNoTriangleListed = ~0u;  // an element of a list that is no fragment
+inline constexpr uint32_t kNoTriangleListed = ~0u;  // an unused list element
 
-// A list of fragments of one grid and one mesh, and where their values go.
+// A list of fragments of one grid and one mesh, and its outputs.
 struct FragmentShading {
   const GridView* grid = nullptr;
   const MeshView* mesh = nullptr;
   const CudaTarget* targets = nullptr;
   int target_count = 0;
-  ShaderTraits traits;  // of all targets' shaders together
+  ShaderTraits traits;  // union over all targets' shaders
   bool planar = false;
-  const uint32_t* keys = nullptr;  // of a voxel: its index within the grid's slab, from first_key on
+  const uint32_t* keys = nullptr;  // voxel index within the grid's slab, plus first_key
   uint64_t first_key = 0;
   const uint32_t* triangles = nullptr;
   uint64_t count = 0;
-  const uint32_t* to = nullptr;   // the element of `out` that a fragment's value becomes; null: its number in the list
-  uint64_t plane = 0;             // elements of a plane of `out`; 0: as many as the list has
-  uint8_t* const* out = nullptr;  // of each target, in the result's layout; room for whole words
+  const uint32_t* to = nullptr;   // output element of each fragment; null: its position in the list
+  uint64_t plane = 0;             // elements of a plane of `out`; 0: the length of the list
+  uint8_t* const* out = nullptr;  // per target, in the result's layout, padded to whole words
 };
 
 __device__ inline void PlaceFragment(const FragmentShading& s, uint64_t i, FragmentInput& in) {
@@ -88,9 +88,9 @@ __device__ inline void PutElement(uint8_t* out, VoxelFormat format, uint64_t at,
   }
 }
 
-// The values of all targets. All threads of a warp call it with 32 fragments from a multiple of 32 on, some of which
-// may lie beyond the last one: the bits that a warp makes for a bit target are one word. With `to` these are set one by
-// one in a grid of cleared bits.
+// Writes the values of all targets. All threads of a warp call it with 32 consecutive fragments from a multiple of 32
+// on, some of which may lie past the end: the warp writes the bits of a bit target as one word. With `to`, bits are set
+// one by one in a cleared bit grid.
 __device__ inline void WriteValues(const FragmentShading& s, uint64_t i) {
   const bool real = i < s.count && s.triangles[i] != kNoTriangleListed;
   FragmentInput in;

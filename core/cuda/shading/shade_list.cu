@@ -10,7 +10,7 @@ namespace {
 struct ListArgs {
   GridView grid;
   CudaTarget targets[kMaxTargets];
-  FragmentShading shading;  // but for pointers to what stands here
+  FragmentShading shading;  // except pointers to the members of this struct
   uint8_t* out[kMaxTargets];
 };
 
@@ -22,7 +22,7 @@ __device__ inline FragmentShading ShadingOf(const ListArgs& args) {
   return shading;
 }
 
-// A thread a fragment.
+// One thread per fragment.
 __global__ void __launch_bounds__(kShadeThreads) ShadeFragments(const __grid_constant__ ListArgs args) {
   const uint64_t rounded = (args.shading.count + 31) / 32 * 32, step = uint64_t(gridDim.x) * kShadeThreads;
   for (uint64_t i = uint64_t(blockIdx.x) * kShadeThreads + threadIdx.x; i < rounded; i += step) {
@@ -30,7 +30,7 @@ __global__ void __launch_bounds__(kShadeThreads) ShadeFragments(const __grid_con
   }
 }
 
-// A byte a fragment, 1 where some target keeps it.
+// One byte per fragment: 1 if some target keeps it.
 __global__ void __launch_bounds__(kShadeThreads) MarkKept(const __grid_constant__ ListArgs args, uint8_t* kept) {
   const uint64_t step = uint64_t(gridDim.x) * kShadeThreads;
   for (uint64_t i = uint64_t(blockIdx.x) * kShadeThreads + threadIdx.x; i < args.shading.count; i += step) {
@@ -38,7 +38,7 @@ __global__ void __launch_bounds__(kShadeThreads) MarkKept(const __grid_constant_
   }
 }
 
-// Of targets [begin, end).
+// For targets [begin, end).
 ListArgs MakeListArgs(RunState& state, const FragmentList& list, int begin, int end) {
   ListArgs args{};
   args.grid = state.view;
@@ -64,7 +64,7 @@ absl::Status Launch(RunState& state, const ListArgs& args) {
   return absl::OkStatus();
 }
 
-// The targets whose values come from fragments; none if there are none.
+// The targets whose values come from fragments; no targets if there are none.
 CoverageShadingArgs MakeCoverageArgs(RunState& state) {
   CoverageShadingArgs args;
   for (int t = 0; t < state.targets.count; ++t) {
@@ -86,7 +86,7 @@ absl::Status Launch(RunState& state, const CoverageShadingArgs& args) {
   if (args.target_count == 0 || args.count == 0) return absl::OkStatus();
   const unsigned blocks = BlocksFor(args.count, kShadeThreads, uint64_t(state.device.multiprocessors) * 32);
   constexpr size_t kShared = kShadeThreads * sizeof(TriangleInput);
-  static_assert(kShared <= 46 << 10);  // more must be asked for
+  static_assert(kShared <= 46 << 10);  // more needs an opt-in
   ShadeCoverage<<<blocks, kShadeThreads, kShared, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("ShadeCoverage");
   return absl::OkStatus();
