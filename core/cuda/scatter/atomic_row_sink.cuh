@@ -1,5 +1,5 @@
-// Blends the rows of what FindCells leaves (coverage_pass.cuh) in a dense target as they are found, for targets that
-// FindCells blends itself. No host-only includes.
+// A row writer (emit_spans.cuh) that blends the rows of deferred triangles into a dense target immediately, for targets
+// that FindCells (coverage_pass.cuh) blends itself. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/atomic_blend.cuh"
@@ -12,7 +12,7 @@ struct BlendWriterArgs {
   InPlaceArgs blend;
 };
 
-// A writer of emit_spans.cuh. kShader: as KeysOf has it.
+// kShader: as for KeysOf.
 template <int kShader, int kComponents = 1>
 class BlendWriter {
  public:

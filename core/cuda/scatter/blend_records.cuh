@@ -1,4 +1,5 @@
-// Blending by records of triangles (coverage_record.h): a thread a triangle, a warp those of a mesh that lie together.
+// Blends the coverage records of triangles (coverage_record.h): one thread per triangle; a warp takes neighbours of the
+// mesh. No host-only includes.
 // No host-only includes.
 #pragma once
 
@@ -11,13 +12,13 @@ struct BlendCellsArgs {
   const uint64_t *records = nullptr, *blocks = nullptr;
   uint64_t triangles = 0;
   GridView grid;
-  // By BlendTo one of both is set; without spans.
+  // BlendTo selects one of the two. Their spans are not set.
   InPlaceArgs place;
   AccumulateArgs accumulate;
 };
 
-// The places of a block's voxels, all of them covered: visit(place). A triangle's lie side by side in each row, and
-// within a word of coverage ranks follow each other, as cells of a target do: one is looked up for all.
+// Calls visit(destination) for each voxel of a block; all of them are covered. Voxels of a row within a word of the
+// coverage have consecutive destinations (ranks or target cells), so one lookup serves all.
 template <typename PlaceOf, typename Visit>
 __device__ inline void ForEachPlace(const GridView& grid, uint32_t block, uint64_t mask, PlaceOf&& place_of,
                                     Visit&& visit) {
@@ -31,20 +32,19 @@ __device__ inline void ForEachPlace(const GridView& grid, uint32_t block, uint64
   });
 }
 
-// A warp's, for four sums of each lane; rows of it begin in different banks.
+// Shared memory of a warp for four sums per lane, padded against bank conflicts.
 struct alignas(16) FourSumsRoom {
   int64_t terms[32 + 32 / 4][4];
   __device__ int64_t (&Of(unsigned lane))[4] { return terms[lane + lane / 4]; }
 };
 
-// AddAt of four sums a voxel, `count` 0 where a lane has none: four lanes add those of a voxel together, for they lie
-// in one sector of memory, and what takes longest is that the cache does one atomic operation on a sector at a time.
-// All 32 lanes call it.
+// AddAt for four sums per voxel; `count` is 0 for inactive lanes. Four lanes add the sums of one voxel together: they
+// lie in one sector, and the cache serializes atomic operations on a sector. All 32 lanes call it.
 __device__ inline void AddFourSums(FourSumsRoom& room, const Accumulators& to, uint32_t rank, const int64_t (&term)[4],
                                    uint32_t count) {
   const unsigned lane = threadIdx.x % 32, first = lane & ~3u, mine = lane & 3;
   if (to.kept == Kept::kAverage && count > 0) atomicAdd(to.counts + rank, count);
-  __syncwarp();  // the room is free
+  __syncwarp();  // the shared memory is free
 #pragma unroll
   for (int c = 0; c < 4; ++c) room.Of(lane)[c] = term[c];
   __syncwarp();
@@ -56,9 +56,9 @@ __device__ inline void AddFourSums(FourSumsRoom& room, const Accumulators& to, u
   }
 }
 
-// Takes 32 triangles: one of each lane, t, and its record with the number; `load` makes what it brings, `emit` takes
-// what CombineRuns finds, `place_of` tells where the voxel of a bit is kept, blend(place, value, how many triangles
-// bring it).
+// Processes 32 triangles, one per lane: triangle t and record `record` with index `number`. `load` computes its value,
+// `emit` receives the results of CombineRuns, `place_of` maps a bit index to a destination, and blend(destination,
+// value, number of triangles) blends blocks.
 template <typename T, int kComponents, typename Load, typename Combine, typename Emit, typename PlaceOf, typename Blend>
 __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, kComponents>& room, uint32_t t,
                                     uint64_t number, uint64_t record, Load&& load, Combine&& combine, Emit&& emit,
@@ -73,10 +73,10 @@ __device__ inline void BlendRecords(const BlendCellsArgs& args, CellRunRoom<T, k
                [&](uint64_t place) { blend(place, value, 1); });
 }
 
-// In a dense target itself, or in accumulators.
+// The destination: the dense target or accumulators.
 enum class BlendTo { kTarget, kAccumulators };
 
-// Triangles are taken from the last on, as spans are.
+// Processes triangles in descending order, like spans.
 template <int kComponents, int kShader, BlendTo kTo>
 __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constant__ BlendCellsArgs args) {
   constexpr int kWarps = kBlendThreads / 32;

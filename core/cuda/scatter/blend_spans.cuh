@@ -1,8 +1,9 @@
-// Blending by spans (span.h): a thread a span, in any order. No host-only includes.
+// Blends spans (span.h) in any order, one thread per span. No host-only includes.
 //
-// Where a blend is one 32-bit atomic that begins from the stored clear value 0, it is done in the dense target itself:
-// min and max as keys (blend_rules.cuh), which become values at the end, or as they are where no value of a max is
-// negative. Other blends go to accumulators of covered voxels, numbered by rank. What becomes of both: store_accumulators.cuh.
+// A blend that is a single 32-bit atomic starting from clear value 0 works in the dense target itself. Min and max use
+// order-preserving keys (blend_rules.h), which are converted to values at the end, or plain float bits if no value of a
+// max is negative. Other blends use accumulators of covered voxels, indexed by rank. store_accumulators.cuh converts
+// both to results.
 #pragma once
 
 #include "cuda/coverage/accumulators.cuh"
@@ -15,18 +16,18 @@
 
 namespace voxelpipe::cuda {
 
-// ---- values of triangles ----
+// ---- values per triangle ----
 
 struct ShadeTrianglesArgs {
-  FlatShading shading;  // of one target
+  FlatShading shading;  // for one target
   DegenerateTest degenerate;
   uint64_t triangles = 0;
-  uint32_t* values = nullptr;    // `components` a triangle, as the target keeps them; or
-  int64_t* terms = nullptr;      // those of sums
-  uint32_t* negative = nullptr;  // values that are keys of floats: becomes 1 where one is the key of a negative number
+  uint32_t* values = nullptr;    // `components` per triangle, in the accumulator's encoding; or
+  int64_t* terms = nullptr;      // terms of sums
+  uint32_t* negative = nullptr;  // for float keys: set to 1 if some value is negative
 };
 
-// The components of triangle t's value, four of them by accesses of 16 bytes.
+// Stores the components of triangle t's value; four of them in 16-byte accesses.
 template <typename T>
 __device__ inline void StoreComponents(const UniformValue& value, uint64_t t, uint64_t components, T* to) {
   const int64_t(&of)[4] = value.component;
@@ -43,7 +44,7 @@ __device__ inline void StoreComponents(const UniformValue& value, uint64_t t, ui
   }
 }
 
-// kShader: the target's, where the kernel is made for one; -1: any.
+// kShader: a specialization for the target's shader; -1: any shader.
 template <int kShader>
 __global__ void __launch_bounds__(kBlendThreads) ShadeTriangles(const __grid_constant__ ShadeTrianglesArgs args) {
   const CudaTarget& target = args.shading.target;
@@ -85,11 +86,12 @@ __global__ void __launch_bounds__(kBlendThreads) ShadeTriangles(const __grid_con
 
 // ---- in place ----
 
-// Spans are taken from the last on: values that grow with the triangle's number, as its id does, then find their voxel
-// done.
+// Processes spans in descending order, so that values that increase with the triangle number, like ids, usually find
+// their voxel already done.
 template <int kComponents, int kShader>
 __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_constant__ InPlaceArgs args) {
-  const bool plain = args.negative != nullptr && *args.negative == 0;  // positive floats have the order of their bits
+  // bits of non-negative floats are in the order of the floats
+  const bool plain = args.negative != nullptr && *args.negative == 0;
   const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
   const unsigned lane = threadIdx.x % 32;
   for (uint64_t begin = uint64_t(blockIdx.x) * kBlendThreads + threadIdx.x - lane; begin < args.count;
@@ -120,15 +122,15 @@ __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_const
 struct AccumulateArgs {
   const uint64_t* spans = nullptr;
   uint64_t count = 0;
-  uint32_t first_triangle = 0;  // SpanArgs'
+  uint32_t first_triangle = 0;  // as in SpanArgs
   const uint32_t* values = nullptr;
   const int64_t* terms = nullptr;
-  FlatShading shading;  // of the target, where there are neither values nor terms
+  FlatShading shading;  // to shade the target if there are neither values nor terms
   Ranks ranks;
   Accumulators to;
 };
 
-// As ValuesOf.
+// The terms of triangle t. Template parameters as for ValuesOf.
 template <int kShader, int kComponents>
 __device__ inline void TermsOf(const AccumulateArgs& args, uint32_t t, int64_t (&to)[kComponents]) {
   if constexpr (kShader >= 0) {

@@ -1,4 +1,5 @@
-// Sparse results whose bricks are given out while triangles are drawn (brick_scatter.cuh).
+// Launches the brick-pool path: sparse results blended in bricks that are allocated during rasterization
+// (brick_scatter.cuh).
 #include <algorithm>
 
 #include "cuda/coverage/coverage_pass.h"
@@ -14,7 +15,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// Places of bricks: of the memory no more than its share.
+// Capacity of the pool in slots, limited to a share of the device memory.
 uint64_t CapacityOf(const RunState& state) {
   constexpr uint64_t kPartOfMemory = 32;
   const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (kBrickCells * 4);
@@ -74,13 +75,13 @@ unsigned BlocksOfPlaces(const RunState& state) {
                    uint64_t(state.device.multiprocessors) * 16);
 }
 
-// By one thread: to where the host reads other counters too.
+// One thread. Copies the totals next to the other counters that the host reads.
 __global__ void CopyPoolTotals(const uint64_t* bricks, const uint64_t* voxels, uint64_t* counters) {
   counters[kListedBricks] = *bricks;
   counters[kListedVoxels] = counters[kVoxels] = *voxels;
 }
 
-// Numbers bricks and voxels of the pool, which is drawn.
+// Assigns result positions to the bricks and voxels of the pool after rasterization.
 absl::Status Number(RunState& state) {
   const uint64_t tiles = TilesOf(state), counts = tiles + 1;
   for (auto* array : {&state.sparse.brick_counts, &state.sparse.voxel_counts}) {
@@ -107,7 +108,7 @@ absl::Status Number(RunState& state) {
 }  // namespace
 
 absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id) {
-  if (!MakeRoom(state).ok()) {  // the other way needs less
+  if (!MakeRoom(state).ok()) {  // the fallback path needs less memory
     GoWithout(state);
     return absl::OkStatus();
   }

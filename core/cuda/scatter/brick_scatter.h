@@ -1,5 +1,5 @@
-// Sparse results whose bricks are given out while triangles are drawn (brick_scatter.cuh): of one target of floats, whose
-// largest or least value is sought, without a fill. Included by .cu files only.
+// Sparse results blended in bricks that are allocated during rasterization (brick_scatter.cuh): a single float target
+// with min or max, or owners, and no fill. Included by .cu files only.
 #pragma once
 
 #include "cuda/coverage/atomic_blend.cuh"
@@ -7,10 +7,10 @@
 
 namespace voxelpipe::cuda {
 
-// Draws all triangles. Where there is no room for all bricks the plan becomes another, for all slabs of the run, and
-// nothing was done but fragments counted. Synchronizes.
+// Rasterizes all triangles. If the pool is too small, changes the plan for all slabs of the run; nothing is done then
+// except counting fragments. Synchronizes.
 absl::Status BlendIntoPool(RunState& state, const InPlaceArgs& blend, bool by_id);
-// What was drawn becomes state.result.
+// Converts the pool to state.result.
 absl::Status EmitPool(RunState& state);
 
 }  // namespace voxelpipe::cuda

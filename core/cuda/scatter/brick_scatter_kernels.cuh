@@ -1,5 +1,5 @@
-// The kernels around a pool of bricks (brick_scatter.cuh): rows of larger triangles go there too, and what it holds
-// becomes a sparse result. No host-only includes.
+// Kernels for a brick pool (brick_scatter.cuh): blend the rows of deferred triangles into it, and convert it to a
+// sparse result. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/atomic_blend.cuh"
@@ -19,7 +19,7 @@ struct PoolWriterArgs {
   uint64_t* fragments = nullptr;  // kFragmentSlots counters
 };
 
-// A writer of emit_spans.cuh: blends the rows of what waits. kShader: as ValuesOf has it.
+// A row writer (emit_spans.cuh) that blends into the pool. kShader: as for ValuesOf.
 template <int kShader>
 class PoolWriter {
  public:
@@ -59,35 +59,34 @@ class PoolWriter {
 
 struct PoolResultArgs {
   BrickPool pool;
+  // Per slot: 16 words, a bit for each touched cell; the number of those.
   uint32_t *masks = nullptr,
-           *voxels = nullptr;  // of each place: 16 words, bits of cells that were touched; how many those are
-  // Of the slab's tiles; one more, of 0, so that their sums are the total's.
+           *voxels = nullptr;
+  // Per tile of the slab; one more element, 0, so that the prefix sum ends with the total.
   uint64_t tiles = 0;
   uint32_t *brick_counts = nullptr, *voxel_counts = nullptr;
   const uint64_t *first_brick = nullptr, *first_voxel = nullptr;
-  // The grid's bricks, and the result.
+  // Bricks of the grid, and the result.
   uint64_t bricks_x = 1, bricks_y = 1, first_layer = 0;
   uint64_t* bricks = nullptr;
   uint32_t* out_masks = nullptr;
   uint8_t* out = nullptr;
-  VoxelFormat format{};  // of floats
+  VoxelFormat format{};  // a float format
   bool complement = false;
-  // Not null: keys are of owners (OwnerOf), and these become lists of voxels, their indices within the slab, and
-  // owners.
+  // If not null, keys are owners (OwnerOf): outputs two lists, the voxel indices within the slab and their owners.
   uint32_t *voxel_keys = nullptr, *owners = nullptr;
   uint32_t nx = 1, ny = 1;
 };
 
-// A cell's index in its brick is 128 * i + 4 * lane + k, for the four cells k of each of a lane's four units i of 16
-// bytes.
+// Cell 128 * i + 4 * lane + k of a brick: cell k of 16-byte unit i of a lane.
 inline constexpr int kUnitsOfLane = 4;
 
-// How many places were given; the same in all threads.
+// Number of allocated slots; uniform over all threads.
 __device__ inline uint32_t GivenPlaces(const BrickPool& pool) {
   return uint32_t(min(*pool.asked, uint64_t{pool.capacity}));
 }
 
-// Which cells of a place were touched. A warp a place.
+// Finds the touched cells of each slot. One warp per slot.
 __global__ void __launch_bounds__(kPoolThreads) MaskPlaces(const __grid_constant__ PoolResultArgs args) {
   const uint32_t given = GivenPlaces(args.pool), lane = threadIdx.x % 32;
   for (uint32_t place = (blockIdx.x * kPoolThreads + threadIdx.x) / 32; place < given;
@@ -110,7 +109,7 @@ __global__ void __launch_bounds__(kPoolThreads) MaskPlaces(const __grid_constant
   }
 }
 
-// What each tile has. A thread a tile.
+// Counts bricks and voxels per tile. One thread per tile.
 __global__ void __launch_bounds__(kPoolThreads) CountTiles(const __grid_constant__ PoolResultArgs args) {
   const uint64_t tile = uint64_t(blockIdx.x) * kPoolThreads + threadIdx.x;
   if (tile > args.tiles) return;
@@ -128,14 +127,14 @@ __global__ void __launch_bounds__(kPoolThreads) CountTiles(const __grid_constant
   args.voxel_counts[tile] = voxels;
 }
 
-// The voxel of a cell of a brick, which is element `element` of the pool's places.
+// Voxel index of a cell of the brick with index `element` in the slot table.
 __device__ inline uint32_t VoxelOfCell(const PoolResultArgs& args, uint32_t element, uint32_t cell) {
   const uint32_t tile = element / 4, tiles_x = args.pool.tiles_x, tiles_y = args.pool.tiles_y;
   const uint32_t x = (tile % tiles_x * 4 + element % 4) * 8 + cell % 8, y = tile / tiles_x % tiles_y * 8 + cell / 8 % 8;
   return x + args.nx * (y + args.ny * (tile / tiles_x / tiles_y * 8 + cell / 64));
 }
 
-// The value of a cell, voxel n of the result.
+// Stores the value of a cell as voxel n of the result.
 __device__ inline void StoreKey(const PoolResultArgs& args, uint32_t element, uint32_t cell, uint64_t n, uint32_t key) {
   if (args.owners != nullptr) {
     args.owners[n] = (args.complement ? ~key : key) - 1;
@@ -150,7 +149,7 @@ __device__ inline void StoreKey(const PoolResultArgs& args, uint32_t element, ui
   }
 }
 
-// Bricks in the order of their ids, and the values or owners of their voxels. A warp a place.
+// Outputs bricks in the order of their ids, with the values or owners of their voxels. One warp per slot.
 __global__ void __launch_bounds__(kPoolThreads) EmitPlaces(const __grid_constant__ PoolResultArgs args) {
   const uint32_t given = GivenPlaces(args.pool), lane = threadIdx.x % 32;
   for (uint32_t place = (blockIdx.x * kPoolThreads + threadIdx.x) / 32; place < given;

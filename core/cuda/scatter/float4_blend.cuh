@@ -1,5 +1,5 @@
-// Largest values of four components of floats, blended in a dense target, and the coverage: of small triangles, whose
-// voxels a warp brings together first. No host-only includes.
+// Max blend of four float components in a dense target, with coverage, for small triangles: a warp combines voxels in
+// shared memory first. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/atomic_blend.cuh"
@@ -8,42 +8,42 @@
 namespace voxelpipe::cuda {
 
 struct FourArgs {
-  InPlaceArgs blend;         // keys, never plain
-  uint32_t* bits = nullptr;  // bit grid: the coverage
+  InPlaceArgs blend;         // with order-preserving keys, never plain floats
+  uint32_t* bits = nullptr;  // bit grid: coverage
   uint32_t ny = 1;
   uint32_t flip = 0;  // FlipOf(blend)
-  // Octants about a corner whose first voxel is below these, of the slab, lie within it.
+  // A 2x2x2 mask whose first voxel is below these limits lies within the slab.
   uint32_t inner[3] = {};
-  bool all_within = false;  // as all voxels of the mesh do
+  bool all_within = false;  // true if all voxels of the mesh lie within the slab
 };
 
-// The voxels that a warp's triangles touch, and by which lanes each is touched, in shared memory: neighbours in a mesh
-// touch the same voxels, and then only the largest of their values goes to the target.
+// Per-warp tile in shared memory: the voxels touched by a warp's triangles, with a mask of the lanes that touch each.
+// Neighbours in a mesh touch the same voxels, and only the maximum is blended into the target.
 struct LaneBox {
   static constexpr uint32_t kVoxels = 256;
-  // Of voxel x + size[0] * (y + size[1] * z); zero between uses. Behind them a word of each lane for what it does not
-  // touch.
+  // Index x + size[0] * (y + size[1] * z); zero between uses. One more word per lane behind them is a dummy destination
+  // for untouched voxels.
   alignas(16) uint32_t lanes[kVoxels + 32];
-  uint4 largest[32];  // what is brought to voxels of the slab
-  uint32_t at[32];    // and to which
+  uint4 largest[32];  // combined keys per touched voxel
+  uint32_t at[32];    // and its index in the slab
   static_assert(kVoxels <= 1 << 8);
-  uint8_t voxels[kVoxels];  // those that are touched
+  uint8_t voxels[kVoxels];  // list of touched voxels
 
-  // Before the first use. All lanes call it, and __syncwarp.
+  // Clears the tile before its first use. All lanes call it, then __syncwarp.
   __device__ void Clear() {
     for (uint32_t i = threadIdx.x % 32; i * 4 < kVoxels; i += 32)
       reinterpret_cast<uint4*>(lanes)[i] = uint4{0, 0, 0, 0};
   }
 };
 
-// Blends voxel (x, y, z) of the slab and covers it.
+// Blends voxel (x, y, z) of the slab and sets its coverage.
 __device__ inline void BlendFour(const FourArgs& args, uint32_t x, uint32_t y, uint32_t z, const uint4& keys) {
   const uint32_t key[4] = {keys.x, keys.y, keys.z, keys.w}, row = z * args.ny + y;
   ReduceOr(args.bits + (row * args.blend.words_per_row + x / 32), 1u << x % 32);
   BlendAt<4>(args.blend, uint64_t{row} * args.blend.nx + x, key, 1);
 }
 
-// Octants that reach too far for a LaneBox, one by one. Apart from its caller: few warps need it.
+// Blends 2x2x2 masks that do not fit in a tile voxel by voxel. Not inlined: rare.
 __device__ __noinline__ inline void BlendOctantsApart(const FourArgs& args, uint32_t x, uint32_t y, uint32_t z,
                                                       uint32_t octants, uint4 keys) {
   for (uint32_t i = 0; i < 8; ++i) {
@@ -51,12 +51,12 @@ __device__ __noinline__ inline void BlendOctantsApart(const FourArgs& args, uint
   }
 }
 
-// What divides numbers below 256 by n, of up to 256: number * InverseOf(n) >> 20.
+// Fixed-point reciprocal of n <= 256: number / n == number * InverseOf(n) >> 20 for numbers below 256.
 __device__ inline uint32_t InverseOf(uint32_t n) {
   return uint32_t(fmaf(Reciprocal(float(n)), 0x1p20f, 1.5f));
 }
 
-// A pointer that the compiler does not make again of what it was made of, which takes longer than to keep it.
+// Hides a pointer's origin from the compiler, which would otherwise recompute it instead of keeping it in a register.
 template <typename T>
 __device__ inline T* Opaque(T* p) {
 #if defined(__CUDA_ARCH__)
@@ -65,8 +65,8 @@ __device__ inline T* Opaque(T* p) {
   return p;
 }
 
-// Brings the voxels of a box of `count` that are touched to the front, in order, their numbers and their lanes: how
-// many they are. All lanes call it, and __syncwarp before and after.
+// Compacts the touched voxels among `count` tile cells to the front, in order, with their lane masks. Returns their
+// number. All lanes call it, with __syncwarp before and after.
 __device__ inline uint32_t CollectTouched(LaneBox& box, uint32_t count, uint32_t before) {
   const uint32_t lane = threadIdx.x % 32;
   uint32_t touched = 0;
@@ -82,8 +82,8 @@ __device__ inline uint32_t CollectTouched(LaneBox& box, uint32_t count, uint32_t
   return touched;
 }
 
-// The largest of those lanes' keys that `lanes` names, 0 if none. Two are taken at a time, from both ends. kSameLast:
-// the last component is the same in all, and of no meaning here.
+// Component-wise maximum of the keys of the lanes in mask `lanes`; 0 if it is empty. Takes two per iteration, from both
+// ends. kSameLast: the last component is uniform and not computed here.
 template <bool kSameLast>
 __device__ inline uint4 LargestOf(const uint4 (&keys)[32], uint32_t lanes) {
   uint4 largest = {0, 0, 0, 0};
@@ -99,9 +99,8 @@ __device__ inline uint4 LargestOf(const uint4 (&keys)[32], uint32_t lanes) {
   return largest;
 }
 
-// Blends octants about corners that a warp's lanes bring, within the grid, their first and last voxels counted from the
-// slab's first layer; keys[lane] are a lane's, in shared memory; `before` is LanesBefore(), one less than the lane's
-// own bit. All lanes call it.
+// Blends the 2x2x2 masks of a warp's lanes, clipped to the grid; `first` and `last` voxels are relative to the slab.
+// keys[lane] is in shared memory. `before` is LanesBefore(): the lane's own bit minus 1. All lanes call it.
 template <bool kSameLast>
 __device__ inline void BlendOctantsOfFours(const FourArgs& args, LaneBox& box, const uint4 (&keys)[32], uint32_t before,
                                            const uint32_t (&first)[3], const uint32_t (&last)[3], uint32_t octants) {
@@ -113,7 +112,7 @@ __device__ inline void BlendOctantsOfFours(const FourArgs& args, LaneBox& box, c
   if (max(size[0], max(size[1], size[2])) > kMost || count > kMost) {
     return BlendOctantsApart(args, first[0], first[1], first[2], octants, keys[lane]);
   }
-  // Each lane sets eight bits: what would leave some out takes longer.
+  // Each lane writes all eight voxels: skipping some would be slower.
   const SharedPlace lanes_of = PlaceOf(box.lanes), none = lanes_of + (kMost + lane) * 4;
   const SharedPlace at =
       lanes_of + (first[0] - least[0] + (first[1] - least[1]) * row + (first[2] - least[2]) * layer) * 4;
@@ -132,7 +131,7 @@ __device__ inline void BlendOctantsOfFours(const FourArgs& args, LaneBox& box, c
     const uint32_t z = voxel * of_layer >> 20, in_layer = voxel - z * layer, y = in_layer * of_row >> 20;
     const uint32_t in_row = in_layer - y * row, x = least[0] + in_row;
     const uint32_t row_of_grid = (least[2] + z) * args.ny + (least[1] + y);
-    // Lanes of neighbours in a word of the coverage set it together.
+    // Adjacent lanes with voxels in one word of the coverage set it together.
     const uint32_t next = __shfl_down_sync(~0u, voxel, 1);
     const bool goes_on = next == voxel + 1 && in_row + 1 < row && x % 32 != 31;
     const uint32_t on = __ballot_sync(~0u, goes_on) & 0x7fffffff, from = ~on >> lane;
@@ -140,7 +139,7 @@ __device__ inline void BlendOctantsOfFours(const FourArgs& args, LaneBox& box, c
       ReduceOr(args.bits + (row_of_grid * args.blend.words_per_row + x / 32), ((from & (0 - from)) * 2 - 1) << x % 32);
     }
     if (has) box.at[lane] = row_of_grid * args.blend.nx + x;
-    // Two lanes a voxel where there are enough, each with every second one of its lanes.
+    // Two lanes per voxel if there are enough, each with every second lane of its mask.
     const uint32_t some = min(touched - begin, 32u), shared = some <= 16 ? 1 : 0, mine = lane >> shared;
     uint32_t of_mine = mine < some ? box.lanes[begin + mine] : 0;
     if (shared != 0) of_mine &= 0x55555555u << lane % 2;
@@ -155,8 +154,8 @@ __device__ inline void BlendOctantsOfFours(const FourArgs& args, LaneBox& box, c
     if (mine < some && (lane & shared) == 0) box.largest[mine] = largest;
     __syncwarp();
     if (has) box.lanes[begin + lane] = 0;
-    // Four lanes blend those of a voxel together, for they lie in one sector of memory, and the cache does one atomic
-    // operation on a sector at a time.
+    // Four lanes blend the components of one voxel: they lie in one sector, and the cache serializes atomic operations
+    // on a sector.
     uint32_t* const component = Opaque(args.blend.out + lane % 4);
 #pragma unroll 1
     for (uint32_t i = lane / 4; i < some; i += 8) {
@@ -166,7 +165,7 @@ __device__ inline void BlendOctantsOfFours(const FourArgs& args, LaneBox& box, c
   }
 }
 
-// The voxels of a box of 4x4x4, x + 4y + 16z, from voxel `first` of the slab on.
+// Blends the voxels of a 4x4x4 block, x + 4y + 16z, from voxel `first` of the slab on.
 __device__ inline void BlendBlockOfFours(const FourArgs& args, const uint32_t (&first)[3], uint64_t mask,
                                          const uint4& keys) {
   for (; mask != 0; mask &= mask - 1) {

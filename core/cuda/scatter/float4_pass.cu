@@ -15,9 +15,10 @@ auto KernelFor(bool normals) {
   return normals ? BlendFours<kThin, kNormalShader> : BlendFours<kThin, -1>;
 }
 
-// Whether all voxels that the mesh touches are of the slab.
+// True if all voxels that the mesh touches lie within the slab.
 bool LiesWithin(const RunState& state, const GridView& grid) {
-  constexpr double kClear = 0x1p-10;  // voxels: more than the widening of narrow triangles and what is rounded
+  // voxels: exceeds the conservative widening of narrow triangles plus rounding errors
+  constexpr double kClear = 0x1p-10;
   const Box3d box = BoxInGrid(state);
   const int64_t begin[3] = {0, 0, grid.slab_begin}, end[3] = {grid.dims[0], grid.dims[1], grid.slab_end};
   bool within = true;
@@ -30,7 +31,7 @@ bool LiesWithin(const RunState& state, const GridView& grid) {
 }  // namespace
 
 bool ShadesByFours(RunState& state, const CudaTarget& target) {
-  // Of a triangle without normals of its vertices both are the same.
+  // Triangles without vertex normals have the same value for both shaders.
   const bool normals =
       target.shader == FragmentShaderId::kNormal || target.shader == FragmentShaderId::kGeometricNormal;
   return normals && state.plan.path == Path::kFloat4 && DegenerateTestOf(state).least_small < DegenerateTest::kNever;

@@ -1,8 +1,8 @@
-// Every triangle a thread, from world space to the voxels that it touches, where values of four components are blended
-// at once (float4_blend.cuh); what is larger or in doubt waits for the kernels of emit_spans.cuh.
+// Rasterizes and max-blends float4 values in one pass, one thread per triangle (float4_blend.cuh). Larger and uncertain
+// triangles are deferred to the kernels of emit_spans.cuh.
 //
-// As FindCells (coverage_pass.cuh) has it, but that triangles go by octants as they come, and that corners are asked for a
-// round ahead, into shared memory. Included by float4_pass.cu alone. No host-only includes.
+// Like FindCells (coverage_pass.cuh), except that 2x2x2 masks are processed immediately, and corners are prefetched
+// into shared memory one iteration ahead. Included by float4_pass.cu only. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/coverage_pass.cuh"
@@ -14,41 +14,41 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kFourThreads = 256;
 inline constexpr int kMaxFourRounds = 8;
-inline constexpr int kFourBlocks = 4;  // on a multiprocessor at once
+inline constexpr int kFourBlocks = 4;  // resident blocks per multiprocessor
 
 struct FourWalkArgs {
-  BitArgs walk;  // layer_queue takes all that waits
+  BitArgs walk;  // layer_queue takes all deferred triangles
   FourArgs four;
   uint64_t* fragments = nullptr;  // kFragmentSlots counters
 };
 
-// A warp's while it walks; corners are each lane's own.
+// Shared memory of a warp during the main loop; each lane has its own corners.
 struct FourWarpRoom {
   CornersAhead corners;
   uint4 keys[32];
   LaneBox box;
 };
-// A block's, whose triangles are numbered from its first one on.
+// Shared memory of a block. Triangles are numbered from the block's first.
 struct FourRoom {
   static constexpr int kWarps = kFourThreads / 32, kTriangles = kMaxFourRounds * kFourThreads;
-  union {  // of each warp, each lane its own
+  union {  // per warp and lane
     CellSpan table[kWarps][kBlockSide][32];
     PositionsAhead positions[kWarps];
   };
   union {
     FourWarpRoom of_warps[kWarps];
-    uint16_t waiting[2][kTriangles];  // when all have walked: those that wait for rows, and for another kernel
+    uint16_t waiting[2][kTriangles];  // after the main loop: triangles deferred to the row phase and to another kernel
   };
-  static constexpr uint32_t kParts = kMaxFourRounds * kWarps;  // each a warp's of a round
-  uint32_t lanes[2][kParts];                                   // the same before that, by their lanes
+  static constexpr uint32_t kParts = kMaxFourRounds * kWarps;  // a part: one iteration of one warp
+  uint32_t lanes[2][kParts];                                   // during the main loop: lane masks of the same triangles
   static_assert(kParts <= uint32_t(kFourThreads) &&
                 kTriangles <= 1 << 16);  // a thread clears each; numbers have 16 bits
   uint32_t row_count, waiting_count;
-  uint32_t turn;  // that the next warp takes
+  uint32_t turn;  // the next work item of a warp
   unsigned long long first;
 };
 
-// What triangle t brings.
+// The keys of triangle t.
 template <int kShader>
 __device__ __noinline__ inline uint4 FourKeysOf(const InPlaceArgs& args, uint32_t t) {
   uint32_t key[4] = {};
@@ -56,8 +56,8 @@ __device__ __noinline__ inline uint4 FourKeysOf(const InPlaceArgs& args, uint32_
   return {key[0], key[1], key[2], key[3]};
 }
 
-// FindFate, but that octants of a small box are not yet looked for within the slab alone, and stand ready where they
-// are still to be decided, too.
+// Like FindFate, but 2x2x2 masks of small boxes are not clipped to the slab yet, and are available even if the triangle
+// is still to be decided.
 template <bool kThin>
 __device__ inline CellFate FindFateOfFour(const BitArgs& walk, FixedTriangle& t, uint32_t& octants) {
   t.box = BoxOf(t.v.at, walk.fixed);
@@ -76,7 +76,7 @@ __device__ inline CellFate FindFateOfFour(const BitArgs& walk, FixedTriangle& t,
   return fate == CellFate::kRows && !IsBlock(walk, box) ? CellFate::kLayers : fate;
 }
 
-// kShader: kNormalShader, or -1 for values that stand ready.
+// kShader: kNormalShader, or -1 for precomputed values.
 template <bool kThin, int kShader>
 __global__ void __launch_bounds__(kFourThreads, kFourBlocks) BlendFours(const __grid_constant__ FourWalkArgs args) {
   __shared__ FourRoom room;

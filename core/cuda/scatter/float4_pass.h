@@ -1,5 +1,5 @@
-// Largest and least values of four components of a dense target, blended as triangles are found (float4_pass.cuh).
-// Included by .cu files only.
+// Min and max blends of float4 values in a dense target during rasterization (float4_pass.cuh). Included by .cu files
+// only.
 #pragma once
 
 #include "cuda/run/run_state.h"
@@ -7,11 +7,11 @@
 
 namespace voxelpipe::cuda {
 
-// Under Path::kFloat4: true if the target's values are made meanwhile, and no kernel has to make them before.
+// For Path::kFloat4: true if the pass computes the target's values itself, so that no kernel has to precompute them.
 bool ShadesByFours(RunState& state, const CudaTarget& target);
 
-// Blends every triangle of the slab, small ones at once, what is left behind it; counts fragments and sets the
-// coverage.
+// Blends all triangles of the slab: small ones during rasterization, deferred ones afterwards. Counts fragments and
+// sets the coverage.
 absl::Status BlendByFours(RunState& state, const CudaTarget& target, const BlendWriterArgs& args);
 
 }  // namespace voxelpipe::cuda

@@ -1,9 +1,10 @@
-// Blending without tiles (core/cuda/README.md, "Coverage, then shade, then blend").
+// Scatter blending: targets are blended without tiles or sorting, by atomics (core/cuda/README.md, "Coverage, then
+// shade, then blend").
 //
-// Triangles are found once. Under Path::kInPlace and kFloat4 they are blended as they are found, under kBricks likewise
-// in bricks that are given out meanwhile (brick_scatter.h). Otherwise small ones become records, which each target then
-// takes, and larger ones spans in a list, which each target takes, too; spans that are too many for the list are made
-// and taken in parts, by halves of the triangles.
+// Triangles are rasterized once. For Path::kInPlace and kFloat4 they are blended in the target immediately, for kBricks
+// in bricks allocated on demand (brick_scatter.h). Otherwise small triangles become records and larger ones spans in a
+// list, and each target reads both. If the list overflows, it is made and read in several passes, by halving the range
+// of triangles.
 #include <algorithm>
 #include <utility>
 
@@ -26,7 +27,7 @@ namespace {
 // Bytes of the device's memory for each span that the list may hold at most.
 constexpr uint64_t kMemoryPerSpan = 64;
 
-// Shaders that are asked for much have a kernel of their own, which keeps nothing in local memory.
+// Common shaders have specialized kernels, which use no local memory.
 auto ShadeKernel(FragmentShaderId shader) {
   switch (shader) {
     case FragmentShaderId::kTriangleId: return ShadeTriangles<int(FragmentShaderId::kTriangleId)>;
@@ -36,7 +37,7 @@ auto ShadeKernel(FragmentShaderId shader) {
   }
 }
 
-// The values of all triangles for a target, made once a run.
+// Computes the values of all triangles for a target, once per run.
 absl::Status MakeValues(RunState& state, int index) {
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
@@ -55,7 +56,7 @@ absl::Status MakeValues(RunState& state, int index) {
   if (ShadesByFours(state, target)) return absl::OkStatus();
   memory.shaded = true;
   if (target.blend == Blend::kCount || args.triangles == 0) return absl::OkStatus();
-  if (memory.by_id) return EnsureCounters(state);  // for NegativeOf; an id is cheaper made than read
+  if (memory.by_id) return EnsureCounters(state);  // for NegativeOf; computing an id is cheaper than reading it
   const uint64_t count = args.triangles * uint64_t(target.components);
   if (IsSum(KeptBy(target))) {
     VOXELPIPE_OK_OR_RETURN(memory.terms.Resize(count, state.stream));
@@ -74,26 +75,25 @@ absl::Status MakeValues(RunState& state, int index) {
   return absl::OkStatus();
 }
 
-// So many spans a list holds at most.
+// Maximum number of spans in the list.
 uint64_t MostSpans(const RunState& state) {
   return std::max<uint64_t>(state.device.memory_bytes / kMemoryPerSpan, 1 << 10);
 }
 
-// How rows of `triangles` triangles that wait are covered.
+// Arguments to rasterize the rows of `triangles` deferred triangles.
 SpanArgs CoverArgs(RunState& state, uint64_t triangles) {
   SpanArgs args;
   args.grid = state.view;
   args.bits = TouchedBits(state);
   const int64_t* const d = state.view.dims;
   const double surface = double(d[0]) * double(d[1]) + double(d[1]) * double(d[2]) + double(d[2]) * double(d[0]);
-  // What waits of a fine mesh in order lies beside what covers the same voxels, and much of it in few of them.
+  // Deferred triangles of a fine mesh with good locality usually lie beside triangles that cover the same voxels.
   args.look_first = double(triangles) > 16 * surface || (IsFine(state) && !IsScattered(state));
   return args;
 }
 
-// Lists the spans of what waits of triangles [begin, end) in state.lists.spans, as far as there is room; ListOf says how many
-// entries they need. Sets the voxels of all of them in the coverage. `again`: nothing waits any more, and fragments are
-// counted.
+// Lists the spans of the deferred triangles in [begin, end) in state.lists.spans, up to its capacity; ListOf has the number
+// of entries needed. Sets their coverage. `again`: the queues are no longer valid, and fragments are counted already.
 absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again) {
   if (again) VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
   SpanArgs args = CoverArgs(state, end - begin);
@@ -148,7 +148,7 @@ auto BlendCellsTo(bool by_id, int components) {
                            : BlendCells<4, -1, kTo>;
 }
 
-// Takes spans of the list to a target.
+// Blends listed spans into a target.
 absl::Status TakeSpans(RunState& state, int index, const ListedSpans& listed) {
   if (listed.count == 0) return absl::OkStatus();
   const int components = state.targets.at[index].components;
@@ -177,7 +177,7 @@ absl::Status TakeSpans(RunState& state, int index, const ListedSpans& listed) {
   return absl::OkStatus();
 }
 
-// Takes the records of all triangles to a target.
+// Blends the records of all triangles into a target.
 absl::Status TakeCells(RunState& state, int index) {
   const int components = state.targets.at[index].components;
   const SpanTarget& memory = state.span_targets[size_t(index)];
@@ -204,13 +204,13 @@ absl::Status ClearFragmentSlots(RunState& state) {
   return absl::OkStatus();
 }
 
-// Blends all triangles in a target as they are found.
+// Rasterizes all triangles and blends them into a target immediately.
 absl::Status BlendWhatIsFound(RunState& state, int index) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   const CudaTarget& target = state.targets.at[index];
   SpanTarget& memory = state.span_targets[size_t(index)];
   const bool by_id = memory.by_id, by_fours = state.plan.path == Path::kFloat4;
-  if (by_fours) memory.negative.Free();  // keys stay keys, whether some value is negative or not
+  if (by_fours) memory.negative.Free();  // keys are never replaced by plain floats
   BlendWriterArgs args;
   args.cover = CoverArgs(state, triangles);
   args.cover.fragments = FragmentSlots(state);
@@ -221,8 +221,8 @@ absl::Status BlendWhatIsFound(RunState& state, int index) {
   return emit_waiting(state, MakeRestArgs(state, 0, triangles, false), args);
 }
 
-// Walks all triangles: small ones become records, the spans of the others are listed, as far as there is room. Then
-// what is counted stands in state.counters, covered voxels that have a rank among it.
+// Rasterizes all triangles: small ones become records, spans of the others are listed up to the list's capacity. Counts
+// are in state.counters, including the number of ranked voxels if `ranked`.
 absl::Status FindAndList(RunState& state, bool ranked) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecordsAndBits, FragmentSlots(state)));
@@ -232,7 +232,7 @@ absl::Status FindAndList(RunState& state, bool ranked) {
   return ranked ? RankCovered(state) : absl::OkStatus();
 }
 
-// Entries of the list, of which state.counters[kSpans] counted some.
+// Number of entries of the list, given the count in state.counters[kSpans].
 uint64_t CountListed(RunState& state, uint64_t counted) {
   return ListOf(state).own + counted;
 }
@@ -242,8 +242,8 @@ absl::StatusOr<uint64_t> ReadListedSpans(RunState& state) {
   return CountListed(state, (*counters)[kSpans]);
 }
 
-// Calls take(spans) for lists that together hold the spans of triangles [begin, end), each of no more triangles than
-// spans have numbers for. `counted`: the list is theirs, as far as there was room, and there are so many.
+// Calls take(spans) for one or more lists that together hold the spans of triangles [begin, end), each within the span
+// encoding's triangle limit. `counted`: the length of the current list, which is complete if it fits.
 template <typename Take>
 absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t counted, const Take& take) {
   const bool numbered = end - begin <= GetSpanLimits().triangles;
@@ -266,13 +266,13 @@ absl::Status ForEachList(RunState& state, uint64_t begin, uint64_t end, uint64_t
   return absl::OkStatus();
 }
 
-// True if a target is blended by what its triangles have, and not by its fragments.
+// True if a target blends values per triangle instead of shading fragments.
 bool ByTriangles(const RunState& state, int index) {
   const ValueSource source = state.plan.targets[size_t(index)].source;
   return source == ValueSource::kTriangles || source == ValueSource::kOwners;
 }
 
-// Takes the records of all triangles to all targets, then lists of their spans.
+// Blends records and then listed spans of all triangles into all targets.
 absl::Status TakeAll(RunState& state) {
   for (int i = 0; i < state.targets.count; ++i) {
     if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
@@ -286,14 +286,14 @@ absl::Status TakeAll(RunState& state) {
   });
 }
 
-// Where fragments of all targets may be discarded, what triangles touch is not the coverage.
+// If all targets may discard fragments, the touched voxels are not the coverage.
 absl::Status BeginTouched(RunState& state) {
   if (state.targets.any_always_present) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(state.lists.touched_bits.Resize(state.slab_words(), state.stream));
   return state.lists.touched_bits.Fill(0, state.stream);
 }
 
-// Blends all triangles in accumulators, or in dense targets themselves. Synchronizes.
+// Blends all triangles into accumulators or dense targets. Synchronizes.
 absl::Status BlendByRecords(RunState& state, bool ranked) {
   VOXELPIPE_OK_OR_RETURN(BeginTouched(state));
   VOXELPIPE_OK_OR_RETURN(FindAndList(state, ranked));
@@ -316,7 +316,7 @@ absl::Status BlendDirectly(RunState& state) {
   state.lists.span_count = 0;
   if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
   bool ranked = false;
-  int last = 0;  // target with values
+  int last = 0;  // the last target with values
   for (int i = 0; i < state.targets.count; ++i) {
     const PathPlan::Target& target = state.plan.targets[size_t(i)];
     if (target.source == ValueSource::kCoverage) continue;
@@ -337,7 +337,7 @@ absl::Status BlendDirectly(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(BlendByRecords(state, ranked));
   for (int i = 0; i < state.targets.count; ++i) {
     if (state.plan.targets[size_t(i)].source == ValueSource::kCoverage) continue;
-    const bool later = sparse && state.targets.at[i].format != VoxelFormat::kBit;  // once voxels are listed
+    const bool later = sparse && state.targets.at[i].format != VoxelFormat::kBit;  // stored after its voxels are listed
     if (!later) VOXELPIPE_OK_OR_RETURN(StoreDense(state, i));
   }
   return absl::OkStatus();

@@ -1,5 +1,5 @@
-// What was blended by spans (blend_spans.cuh) as values of the result; and ranks of covered voxels. Included by
-// accumulators.cu only, as what includes it: these kernels are no templates. No host-only includes.
+// Converts blended keys and accumulators to values of the result, and lists owners. Included by store_values.cu only,
+// because its kernels are not templates. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/set_bits.cuh"
@@ -8,7 +8,7 @@
 
 namespace voxelpipe::cuda {
 
-// A warp's number in the launch, and how many it has.
+// This warp's index in the grid, and the number of warps.
 __device__ inline uint64_t GridWarp() {
   return uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32;
 }
@@ -18,7 +18,7 @@ __device__ inline uint64_t GridWarps() {
 
 struct KeyArgs {
   const uint32_t* coverage;  // bit grid
-  const uint32_t* negative;  // as InPlaceArgs has it
+  const uint32_t* negative;  // as in InPlaceArgs
   uint32_t* out;
   uint64_t words, voxels;
   int64_t nx, words_per_row;
@@ -30,15 +30,15 @@ __device__ inline uint32_t ValueOfCell(const KeyArgs& args, bool plain, uint32_t
   const uint32_t key = args.complement ? ~cell : cell;
   return args.is_float && !plain ? BitsOfKey(key) : key;
 }
-// Words are fewer than 2^32: each stands for 32 cells.
+// There are fewer than 2^32 words, since each stands for 32 cells.
 __device__ inline uint64_t VoxelOf(const KeyArgs& args, uint64_t word, uint32_t x) {
   const auto w = uint32_t(word), per_row = uint32_t(args.words_per_row), row = w / per_row;
   return uint64_t{row} * uint64_t(args.nx) + (w - row * per_row) * 32 + x;
 }
 
-// Keys of four components, each one access.
+// Converts four-component keys, 16 bytes per access.
 __device__ inline void FoursToValues(const KeyArgs& args, bool plain) {
-  constexpr int kAtOnce = 4;  // voxels of a lane, all of which are read before any is written
+  constexpr int kAtOnce = 4;  // voxels per lane: all are read before any is written
   const uint64_t step = uint64_t(gridDim.x) * (kBlendThreads / 32) * kWordsOfWarp;
   uint64_t begin = (uint64_t(blockIdx.x) * (kBlendThreads / 32) + threadIdx.x / 32) * kWordsOfWarp;
   uint4* const cells = reinterpret_cast<uint4*>(args.out);
@@ -68,7 +68,7 @@ __device__ inline void FoursToValues(const KeyArgs& args, bool plain) {
   }
 }
 
-// The keys of covered voxels become values. May begin early.
+// Converts the keys of covered voxels to values. Supports programmatic dependent launch.
 __global__ void __launch_bounds__(kBlendThreads) KeysToValues(const __grid_constant__ KeyArgs args) {
   AwaitEarlier();
   const bool plain = args.negative != nullptr && *args.negative == 0;
@@ -89,16 +89,16 @@ struct StoreArgs {
   VoxelFormat format{};
   bool is_float = false, planar = false;
   double quantum = 1;
-  const uint32_t* present = nullptr;  // bit grid: the voxels that the target has a fragment in
-  uint64_t words = 0;                 // of it
+  const uint32_t* present = nullptr;  // bit grid: voxels in which the target has a fragment
+  uint64_t words = 0;                 // of `present`
   uint64_t voxels = 0;                // of the result
-  const uint32_t* listed = nullptr;   // the bit of each voxel of a sparse result; null: a dense one
+  const uint32_t* listed = nullptr;   // sparse result: bit index of each voxel; null: dense result
   uint32_t nx = 0, words_per_row = 0;
   uint8_t* out = nullptr;    // values; or
-  uint32_t* bits = nullptr;  // a bit grid, cleared
+  uint32_t* bits = nullptr;  // or a cleared bit grid
 };
 
-// Calls visit(word, x of it, rank, element of the result) for every voxel that a target has a fragment in, each by a
+// Calls visit(word, bit, rank, element of the result) for every voxel in which the target has a fragment, one voxel per
 // lane.
 template <typename Visit>
 __device__ inline void ForEachStored(const StoreArgs& args, Visit&& visit) {
@@ -116,7 +116,7 @@ __device__ inline void ForEachStored(const StoreArgs& args, Visit&& visit) {
   }
 }
 
-// What the accumulators of covered voxels hold becomes the result's values.
+// Converts accumulators of covered voxels to values of the result.
 __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_constant__ StoreArgs args) {
   const Accumulators& from = args.from;
   ForEachStored(args, [&](uint32_t word, uint32_t x, uint32_t rank, uint64_t n) {
@@ -131,11 +131,12 @@ __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_c
   });
 }
 
-// The list of a target's owners: their voxels, themselves, and where their values go.
+// Outputs of ListOwners: a target's voxels, their owners, and output elements.
 struct OwnerListArgs {
   StoreArgs from;  // accumulators that hold owners
+  // `to`: elements of a dense result by rank, of a sparse one in the order of its list.
   uint32_t *keys = nullptr, *triangles = nullptr,
-           *to = nullptr;  // elements of a dense result by rank, of a sparse one as it lists them
+           *to = nullptr;
 };
 
 __global__ void __launch_bounds__(kBlendThreads) ListOwners(const __grid_constant__ OwnerListArgs args) {

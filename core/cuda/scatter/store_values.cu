@@ -1,4 +1,4 @@
-// The kernels that store what was blended.
+// Launches the kernels that store blended values.
 #include "cuda/scatter/store_values.h"
 
 #include "cuda/coverage/coverage_pass.h"
@@ -25,7 +25,7 @@ absl::Status StoreKeys(RunState& state, const CudaTarget& target, SpanTarget& me
   keys.planar = state.targets.planar;
   keys.complement = target.blend == Blend::kMin;
   keys.is_float = is_float;
-  // As many blocks as there is work: some of them have much more than others.
+  // One block per unit of work, because the load is uneven.
   const unsigned blocks = BlocksFor(keys.words, kBlendThreads / 32 * kWordsOfWarp);
   LaunchEarly(BeginsEarly(state.device), state.stream, blocks, kBlendThreads, KeysToValues, keys);
   VOXELPIPE_LAUNCHED_OR_RETURN("KeysToValues");
@@ -51,7 +51,7 @@ StoreArgs MakeStoreArgs(RunState& state, int index, uint8_t* out, uint64_t voxel
   return args;
 }
 
-// Shades the owners of a target's voxels.
+// Shades the owner of each of a target's voxels.
 absl::Status StoreOwners(RunState& state, int index, const StoreArgs& from, bool listed) {
   OwnerList& owners = state.owners;
   const uint64_t most = listed ? from.voxels : state.lists.ranked_voxels;
@@ -59,8 +59,9 @@ absl::Status StoreOwners(RunState& state, int index, const StoreArgs& from, bool
   for (auto* array : {&owners.keys, &owners.triangles, &owners.to}) {
     VOXELPIPE_OK_OR_RETURN(array->Resize(most, state.stream));
   }
+  // kNoTriangleListed, for voxels in which the target has no fragment.
   VOXELPIPE_OK_OR_RETURN(
-      owners.triangles.Fill(0xff, state.stream));  // kNoTriangleListed, where the target has no fragment
+      owners.triangles.Fill(0xff, state.stream));
   OwnerListArgs args;
   args.from = from;
   args.keys = owners.keys.data();
