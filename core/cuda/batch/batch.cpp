@@ -17,7 +17,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// A pass ends where the next item would go beyond; the rest of the items take another one.
+// Size of a pass. A pass ends before the item that would exceed its limits; the rest takes further passes.
 struct PassSize {
   uint64_t words = 0, triangles = 0, vertices = 0;
   uint64_t voxels = 0, fragment_words = 0;  // of items with fragments
@@ -41,7 +41,7 @@ PassSize MostOfPass(const DeviceInfo& device) {
   PassSize most;
   most.words = 1 << 26;
   most.triangles = most.vertices = 1 << 24;
-  most.voxels = UINT32_MAX;  // they and one more have numbers of 32 bits
+  most.voxels = UINT32_MAX;  // numbers of voxels, and one more, have 32 bits
   most.fragment_words = std::min<uint64_t>(1 << 30, device.memory_bytes / 16);
   return most;
 }
@@ -52,7 +52,7 @@ double CpuMs() {
   return double(t.tv_sec) * 1e3 + double(t.tv_nsec) * 1e-6;
 }
 
-// Gives the members their results, but for those that it adds to `alone`.
+// Runs one pass and delivers results to its members, except those that it adds to `alone`.
 void RunPass(const DeviceInfo& device, std::span<const std::unique_ptr<BatchMember>> members, BatchStats& stats,
              std::vector<const BatchItem*>& alone) {
   for (const auto& member : members) member->item->job->Report(member->stage(), 0);
@@ -62,7 +62,7 @@ void RunPass(const DeviceInfo& device, std::span<const std::unique_ptr<BatchMemb
   std::optional<BatchPass> pass;
   absl::Status status = use.status();
   if (use.ok()) status = pass.emplace(device, *std::move(use), members).Run();
-  if (!status.ok()) pass.reset();  // what it holds is theirs who go alone
+  if (!status.ok()) pass.reset();  // frees its memory for the items that run alone
   ++stats.passes;
   stats.launches = stats.launches.value_or(0) + LaunchesOfThread() - launches;
   if (absl::IsResourceExhausted(status)) {  // one by one they may fit
@@ -128,7 +128,7 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
   std::stable_sort(together.begin(), together.end(),
                    [](const auto& a, const auto& b) { return a->order() < b->order(); });
   const PassSize most = MostOfPass(device);
-  std::vector<const BatchItem*> left;  // by passes
+  std::vector<const BatchItem*> left;  // in units of passes
   for (size_t begin = 0; begin < together.size();) {
     PassSize size;
     size_t end = begin;

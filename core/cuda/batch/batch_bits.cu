@@ -1,4 +1,4 @@
-// Bits of a batch: its meshes are placed, then their triangles set bits in the grids of all.
+// Occupancy bits of a batch: transforms the vertices of all meshes and rasterizes their triangles into the grids.
 #include "cuda/batch/batch_bits.cuh"
 
 #include <algorithm>
@@ -14,8 +14,8 @@ namespace {
 
 constexpr int kThreads = 256;
 
-// A batch's beginning: clears its bit grids and counters, takes its vertices to the index space of their grids, and
-// tells each triangle its item and its vertices among all.
+// First kernel of a batch: clears its bit grids and counters, transforms vertices to the index space of their grids,
+// and stores each triangle's item and its vertex indices in the batch.
 __global__ void __launch_bounds__(kThreads) PrepareBatch(const __grid_constant__ BatchView batch) {
   const uint64_t me = uint64_t(blockIdx.x) * kThreads + threadIdx.x, threads = uint64_t(gridDim.x) * kThreads;
   for (uint64_t i = me; i < batch.zero_quads; i += threads) static_cast<uint4*>(batch.zero)[i] = uint4{0, 0, 0, 0};

@@ -1,4 +1,4 @@
-// The walk's operation that sets bits in grids of a batch. No host-only includes.
+// Traversal operation that sets bits in the grids of a batch. No host-only includes.
 #pragma once
 
 #include "cuda/batch/batch_kernel.cuh"
@@ -6,7 +6,7 @@
 
 namespace voxelpipe::cuda {
 
-// An item's grid begins at kFirst of it among `bits`.
+// kFirst: the member that has the offset of an item's grid in `bits`.
 template <uint64_t BatchItemView::*kFirst>
 class SetBatchBits {
  public:
@@ -29,7 +29,7 @@ class SetBatchBits {
   const BatchItemView* items_;
   const uint32_t* item_of_;
   uint32_t* bits_;
-  const BatchItemView* item_ = nullptr;  // of the triangle in hand
+  const BatchItemView* item_ = nullptr;  // of the current triangle
 };
 
 }  // namespace voxelpipe::cuda

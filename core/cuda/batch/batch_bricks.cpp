@@ -13,14 +13,14 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// Up to eight bits from bit `at` on, the first lowest.
+// Up to eight bits from bit `at` on, the first one lowest.
 unsigned BitsAt(const uint8_t* bits, uint64_t at, int64_t count) {
   uint16_t two;
   std::memcpy(&two, bits + at / 8, sizeof two);
   return two >> (at % 8) & ((1u << count) - 1);
 }
 
-// Appends bits end to end.
+// Appends bits without gaps.
 class BitWriter {
  public:
   explicit BitWriter(HostBuffer& to) : to_(to.data()) { std::fill_n(to_, to.size(), uint8_t{0}); }
@@ -41,8 +41,8 @@ absl::Status Allocate(uint64_t bytes, HostBuffer& to) {
   return absl::OkStatus();
 }
 
-// Bricks and masks of `result` from the occupied voxels; each calls visit(n), its index in the grid, in the order of
-// the result. Out: how many there are.
+// Fills bricks and masks of `result` from the occupied voxels. Calls visit(index in the grid) for each, in result
+// order. Returns their number.
 template <typename Visit>
 absl::StatusOr<uint64_t> ListBricks(const uint8_t* occupied, VoxelizeResult& result, const Visit& visit) {
   const auto [nx, ny, nz] = result.grid.dims;
@@ -86,7 +86,7 @@ bool BitAt(const uint8_t* bits, uint64_t at) {
   return (bits[at / 8] >> (at % 8) & 1) != 0;
 }
 
-// The elements of the listed voxels.
+// Gathers the elements of the listed voxels.
 template <typename Element>
 void Gather(const uint8_t* dense, const std::vector<uint64_t>& listed, uint64_t voxels, uint64_t components,
             bool planar, uint8_t* to) {
@@ -103,7 +103,7 @@ void Gather(const uint8_t* dense, const std::vector<uint64_t>& listed, uint64_t 
 }  // namespace
 
 absl::Status BricksOfBits(const uint8_t* occupied, const uint8_t* covered, VoxelizeResult& result) {
-  std::vector<bool> has_fragment;  // of the listed voxels, where `covered` is given
+  std::vector<bool> has_fragment;  // per listed voxel, if `covered` is not null
   const absl::StatusOr<uint64_t> voxels = ListBricks(occupied, result, [&](uint64_t n) {
     if (covered != nullptr) has_fragment.push_back(BitAt(covered, n));
   });

@@ -1,4 +1,4 @@
-// Bricks of a small sparse result, made on the host of what a batch brings back of its whole grid.
+// Makes the bricks of a small sparse result on the host from the dense data that a batch reads back.
 #pragma once
 
 #include <cstdint>
@@ -9,12 +9,12 @@
 
 namespace voxelpipe::cuda {
 
-// In: packed bits of the whole grid, each readable for 8 bytes beyond its end: `occupied` voxels, and of these the
-// `covered` ones (null where all are), which have a fragment; the others are filled. Out: bricks, masks and targets of
-// `result`, whose grid and specs are set and plain bits. RESOURCE_EXHAUSTED when memory is short.
+// `occupied`, `covered`: packed bits of the whole grid, each readable for 8 bytes past its end. Covered voxels have a
+// fragment (null: all occupied voxels); the others are filled. Fills bricks, masks and targets of `result`, whose grid
+// and specs are set and whose targets are occupancy bits. RESOURCE_EXHAUSTED if memory is short.
 absl::Status BricksOfBits(const uint8_t* occupied, const uint8_t* covered, VoxelizeResult& result);
 
-// The same of any targets: `dense` has for each what its dense result would be, in the result's layout.
+// The same for any targets: `dense` has each target's dense result, in the result's layout.
 absl::Status BricksOfDense(const uint8_t* occupied, const std::vector<const uint8_t*>& dense, VoxelizeResult& result);
 
 }  // namespace voxelpipe::cuda

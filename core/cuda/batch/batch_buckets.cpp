@@ -18,7 +18,7 @@ absl::Status Allocate(uint64_t count, HostBuffer& to) {
   return absl::OkStatus();
 }
 
-// The numbers less `base`, in 64 bits.
+// Converts numbers to 64 bits and subtracts `base`.
 absl::Status Widen(const uint32_t* from, uint64_t count, uint64_t base, HostBuffer& to) {
   VOXELPIPE_OK_OR_RETURN(Allocate<uint64_t>(count, to));
   std::transform(from, from + count, reinterpret_cast<uint64_t*>(to.data()), [&](uint32_t n) { return n - base; });
@@ -83,7 +83,7 @@ absl::Status BatchBuckets::Make(BatchState& state) {
     }
   }
   VOXELPIPE_OK_OR_RETURN(results_.Resize(layout.bytes(), state.stream));
-  VOXELPIPE_OK_OR_RETURN(results_.Fill(0, state.stream));  // what lies between the arrays is copied too
+  VOXELPIPE_OK_OR_RETURN(results_.Fill(0, state.stream));  // padding between arrays is copied too
   triangles_at_ = layout.Add<uint32_t>(state.fragments.count);
   result_bytes_ = layout.bytes();
   VOXELPIPE_OK_OR_RETURN(ListBatch(state, At<uint32_t>(results_, 0), At<uint32_t>(results_, offsets_at_)));

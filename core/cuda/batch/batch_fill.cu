@@ -1,4 +1,4 @@
-// Parity fill and filled values of all items of a batch.
+// Parity fill, and values of filled voxels, for all items of a batch.
 #include <algorithm>
 
 #include "cuda/batch/batch.h"
@@ -8,7 +8,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// As CrossingArgs, for the triangles of a batch.
+// The counterpart of CrossingArgs for the triangles of a batch.
 struct BatchToggleArgs {
   using View = ToggleView;
   BatchView batch;
@@ -40,7 +40,7 @@ __global__ void __launch_bounds__(kFillThreads) SuffixXorBatch(const __grid_cons
   }
 }
 
-// Blocks in x take a target's values each, blocks in y share its words.
+// gridDim.x distributes targets with values, gridDim.y the words of each.
 __global__ void __launch_bounds__(kFillThreads) FillBatchValues(const __grid_constant__ BatchView batch) {
   const uint64_t begin = uint64_t(blockIdx.y) * (kFillThreads / 32) + threadIdx.x / 32,
                  step = uint64_t(gridDim.y) * (kFillThreads / 32);
@@ -69,7 +69,7 @@ __global__ void __launch_bounds__(kFillThreads) FillBatchValues(const __grid_con
   }
 }
 
-// The inside of items with parity fill, and their odd columns.
+// Inside voxels and odd columns of items with parity fill.
 absl::Status ParityBatch(const BatchState& state) {
   const BatchView& batch = state.view;
   BatchToggleArgs args;
@@ -79,7 +79,8 @@ absl::Status ParityBatch(const BatchState& state) {
   args.triangle_count = batch.triangle_count;
   args.queue = batch.queue[0];
   args.queued = batch.queued + kBatchFill;
-  VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, 1, state.stream));  // small grids: many queued, each with few lines
+  // small grids: many queued triangles with few lines each
+  VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, 1, state.stream));
   SuffixXorBatch<<<BlocksFor(batch.row_count, kFillThreads / 32), kFillThreads, 0, state.stream>>>(batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("SuffixXorBatch");
   return absl::OkStatus();

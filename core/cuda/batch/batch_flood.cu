@@ -1,5 +1,5 @@
-// The flood fill of a batch: as flood_fill.cu has it, a block an item, so that no item waits for the host or for
-// another's sweeps.
+// Flood fill of a batch: the algorithm of flood_fill.cu with one block per item, so that no item waits for the host or
+// for another item's sweeps.
 #include "cuda/batch/batch_flood.cuh"
 
 #include "cuda/batch/batch.h"

@@ -1,5 +1,5 @@
-// The A-buffers of a batch: as a_buffer.cu has them, fragments of all items together. One sort puts them in the order
-// of items, and of the voxels of each.
+// A-buffers of a batch, as in a_buffer.cu, with the fragments of all items in one list. One sort orders them by item
+// and voxel.
 #include "cuda/a_buffer/resolve.h"
 #include "cuda/batch/batch_fragments.cuh"
 

@@ -1,5 +1,5 @@
-// Kernels of a batch's A-buffers: fragments of all items lie in one list, their voxels in one index space. No host-only
-// includes.
+// Kernels of a batch's A-buffers: fragments of all items are in one list, with voxel numbers in one index space. No
+// host-only includes.
 #pragma once
 
 #include "cuda/batch/batch_kernel.cuh"
@@ -8,14 +8,14 @@
 
 namespace voxelpipe::cuda {
 
-// Writes each fragment's voxel, among those of all items, and its triangle, as in its mesh; a triangle's from first[t]
-// on.
+// Traversal operation that writes each fragment's voxel (numbered over all items) and triangle (within its mesh), from
+// first[t] on for triangle t.
 struct EmitFragment {
   const BatchItemView* items = nullptr;
-  const uint32_t* item_of = nullptr;  // of the walk's triangles
-  uint64_t first_triangle = 0;        // the walk's
+  const uint32_t* item_of = nullptr;  // per triangle of the traversal
+  uint64_t first_triangle = 0;        // of the traversal
   const uint64_t* first = nullptr;
-  uint32_t* emitted = nullptr;  // per triangle, 0 before: fragments that several threads have emitted
+  uint32_t* emitted = nullptr;  // per triangle, 0 before: number of fragments emitted by threads that share it
   uint32_t* keys = nullptr;
   uint32_t* values = nullptr;
   uint64_t at = 0;
@@ -46,7 +46,7 @@ struct EmitFragment {
   }
 };
 
-// The first kernel of an emission: runs as in WalkRuns, whose queues stand already.
+// The first emission kernel: emits runs, as in WalkRuns. The queues are filled already.
 __global__ void __launch_bounds__(kRunThreads) EmitRuns(const __grid_constant__ BatchWalkArgs args, EmitFragment op) {
   const uint64_t t = uint64_t(blockIdx.x) * kRunThreads + threadIdx.x;
   if (t >= args.triangle_count) return;
@@ -74,8 +74,8 @@ __device__ inline FragmentShading ShadingOf(const BatchView& batch, const BatchI
   return shading;
 }
 
-// Gives fragments that all targets of their item discard the voxel behind the last one: sorted they come last. A thread
-// a fragment.
+// Moves fragments that all targets of their item discard to the voxel number past the last one, so that they are sorted
+// to the end. One thread per fragment.
 __global__ void __launch_bounds__(256)
     DropFragments(const __grid_constant__ BatchView batch, uint32_t* keys, const uint32_t* triangles, uint64_t count) {
   for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < count; i += uint64_t(gridDim.x) * 256) {
@@ -88,8 +88,8 @@ __global__ void __launch_bounds__(256)
   }
 }
 
-// found[k]: where the sorted fragments of item first_item + k begin; behind the last item's, where those without an
-// item do; and then *voxels, how many begin a voxel.
+// found[k]: first sorted fragment of item first_item + k; then the end of the last item, where discarded fragments
+// begin; then *voxels, the number of voxels that have fragments.
 __global__ void __launch_bounds__(256)
     FindItems(const __grid_constant__ BatchView batch, uint32_t first_item, const uint32_t* keys, uint64_t count,
               const uint64_t* voxels, uint64_t* found) {
@@ -109,7 +109,7 @@ __global__ void __launch_bounds__(256)
   found[k] = lo;
 }
 
-// Blocks of whole warps share the threads of all ranges.
+// Threads are assigned to ranges in whole warps.
 __global__ void __launch_bounds__(256)
     ShadeBatchFragments(const __grid_constant__ BatchView batch, const __grid_constant__ BatchShadeArgs args) {
   for (uint64_t i = uint64_t(blockIdx.x) * 256 + threadIdx.x; i < args.threads; i += uint64_t(gridDim.x) * 256) {

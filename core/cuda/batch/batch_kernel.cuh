@@ -1,11 +1,12 @@
-// What the kernels of a batch share: whose a triangle or a row is, and the walk over triangles. No host-only includes.
+// Shared by the kernels of a batch: lookup of the item of a triangle or row, and traversal of triangles. No host-only
+// includes.
 #pragma once
 
 #include "cuda/batch/batch_views.h"
 
 namespace voxelpipe::cuda {
 
-// The last of a list whose `first` is not behind `at`: those without any part of their own are never found.
+// Binary search: index of the last element with `first` <= at. Elements with empty ranges are never found.
 template <typename T>
 __device__ inline uint32_t LastAt(const T* list, uint32_t count, uint64_t T::*first, uint64_t at) {
   uint32_t lo = 0, hi = count;
@@ -23,7 +24,7 @@ __device__ inline uint32_t ItemAt(const BatchView& batch, uint64_t BatchItemView
   return LastAt(batch.items, batch.item_count, first, at);
 }
 
-// The walk's arguments (triangle_walk.cuh) where each triangle has the grid and the coverage of its item.
+// Traversal arguments (triangle_walk.cuh) in which each triangle has the grid and coverage of its item.
 struct BatchWalkArgs {
   const BatchItemView* items = nullptr;
   const uint32_t* item_of = nullptr;
@@ -41,7 +42,7 @@ __device__ inline Coverage CoverageOf(const BatchWalkArgs& args, uint32_t t) {
   return args.items[args.item_of[t]].coverage;
 }
 
-// An operation of triangle_walk.cuh: counts[t] becomes the number of triangle t's fragments.
+// Traversal operation (triangle_walk.cuh) that stores the number of triangle t's fragments in counts[t].
 struct CountFragments {
   uint32_t* counts = nullptr;
   uint32_t count = 0;
@@ -51,13 +52,13 @@ struct CountFragments {
   __device__ void Row(int, int, int x_begin, int x_end) { count += uint32_t(x_end - x_begin); }
   __device__ void End(uint32_t t) const { counts[t] = count; }
   __device__ void Finish() const {}
-  // After the first kernel, which left 0 for every triangle that waits.
+  // Called after the first kernel, which stored 0 for every deferred triangle.
   __device__ void SharedRow(uint32_t t, int, int, int x_begin, int x_end) const {
     atomicAdd(counts + t, uint32_t(x_end - x_begin));
   }
 };
 
-// The walk of `count` triangles from `first` on, which have numbers from there on.
+// Traversal of `count` triangles from `first` on, numbered from there.
 inline BatchWalkArgs WalkOf(const BatchView& batch, uint64_t first, uint64_t count, BatchQueue queue) {
   BatchWalkArgs args;
   args.items = batch.items;

@@ -12,22 +12,22 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// A grid or mesh above these fills the device by itself.
+// A grid or mesh above these limits fills the device by itself.
 constexpr uint64_t kMaxWords = 1 << 22;  // 512^3 voxels
 constexpr uint64_t kMaxTriangles = 1 << 20, kMaxVertices = 1 << 24;
-// Likewise of items that are shaded: what shaders read goes up with the pass.
+// Limits of shaded items: shader inputs are uploaded with the pass.
 constexpr uint64_t kMaxShadedTriangles = 1 << 15, kMaxShadedVertices = 3 * kMaxShadedTriangles;
 constexpr uint64_t kMaxTargetWords = 1 << 22, kMaxTexels = 1 << 20;
-// Likewise of flood fills: a block takes a grid whole, however many others are idle, and a thread a line of it.
+// Limits of flood fills: one block fills a whole grid, with one thread per line, however many multiprocessors are idle.
 constexpr uint64_t kMaxFloodWords = 1 << 16;  // 128^3 voxels
 constexpr int64_t kMaxFloodLine = 256;        // words or rows
-// Likewise of fragments.
+// Limit of fragments.
 constexpr uint64_t kMaxBoxVoxels = 1 << 24;
-// Bricks are made of all voxels on the host; beyond this the device makes them, alone.
+// Bricks are made on the host from all voxels; larger grids run alone, where the device makes them.
 constexpr uint64_t kMaxVoxelsOfSparse = 1 << 21;
 
 bool InReach(const MeshExtent& extent, const GridSpec& grid) {
-  constexpr double kFarthest = 0x1p40;  // as CoarseRaster says, which names the vertex
+  constexpr double kFarthest = 0x1p40;  // the limit of CoarseRaster, whose error names the vertex
   for (const Vec3d& corner : {extent.box.min, extent.box.max}) {
     const Vec3d p = WorldToIndex(grid.index_space(), corner);
     if (!(Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest)) return false;
@@ -49,8 +49,9 @@ bool IsSmallForShaders(const BatchMember& member) {
          Texels(member.host->textures) <= kMaxTexels;
 }
 
-// Voxels of the triangles' boxes within the grid, of each at most five layers: a plane meets no more voxels of a column
-// along its normal's largest component. Boxes that end at a border of voxels, or hardly before it, touch those beyond.
+// Voxels of the bounding boxes of triangles within the grid, with at most five layers each: a plane meets at most that
+// many voxels of a column along the dominant axis of its normal. Boxes that end at or just before a voxel border also
+// touch the voxels beyond.
 uint64_t BoxVoxels(const MeshView& mesh, const GridSpec& grid) {
   constexpr double kNear = 1e-3;  // voxels
   double scale[3], last[3];
@@ -80,7 +81,7 @@ uint64_t BoxVoxels(const MeshView& mesh, const GridSpec& grid) {
 
 bool BatchMember::own_shell() const {
   if (!flood()) return false;
-  // Where every target's shader drops fragments, their voxels are no coverage, and still closed.
+  // If all targets' shaders can discard, discarded fragments are not covered but still belong to the closed shell.
   const bool all_drop = std::all_of(bound->fragment_shaders.begin(), bound->fragment_shaders.end(),
                                     [](const BoundShader& shader) { return shader.info->can_discard; });
   return all_drop || request().coverage != Coverage::kConservative;
@@ -96,13 +97,13 @@ int BatchMember::order() const {
 }
 
 uint64_t BatchMember::grid_words() const {
-  // Coverage, inside, and of targets; ranks, and what triangles touch beside the coverage.
+  // Coverage, inside, shell, two grids per target; for values also ranks and touched voxels.
   const uint64_t grids = 2 + (own_shell() ? 1 : 0) + 2 * request().targets.size();
   return words() * (path == BatchPath::kValues ? grids + 3 : grids);
 }
 
 uint64_t BatchMember::target_words() const {
-  uint64_t words = sparse() ? packed_words() : 0;  // what is occupied
+  uint64_t words = sparse() ? packed_words() : 0;  // occupied voxels
   for (const TargetSpec& spec : request().targets) {
     words += (TargetBytes(spec, plan.grid.voxels()) + 3) / 4;
   }
@@ -110,9 +111,9 @@ uint64_t BatchMember::target_words() const {
 }
 
 uint64_t BatchMember::fragment_words() const {
-  uint64_t of_each = 3;  // its triangle; its voxel and offset, if it has one to itself
+  uint64_t of_each = 3;  // its triangle; its voxel and offset, in case it is alone in its voxel
   for (const TargetSpec& spec : request().targets) {
-    const uint64_t accumulated = 2 * uint64_t(spec.components) + 1;  // sums, and their number
+    const uint64_t accumulated = 2 * uint64_t(spec.components) + 1;  // sums and the fragment count
     of_each += path == BatchPath::kValues ? accumulated : (TargetBytes(spec, 1) + 3) / 4;
   }
   return box_voxels * of_each;
@@ -122,7 +123,7 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
   const VoxelizeRequest& request = *item.request;
   if (item.mesh->triangles.size() > kMaxTriangles || item.mesh->positions.size() > kMaxVertices) return nullptr;
   if (!item.job->Check().ok()) return nullptr;
-  if (request.coverage == Coverage::kNone || request.fill == Fill::kNonzero) return nullptr;  // passes know neither
+  if (request.coverage == Coverage::kNone || request.fill == Fill::kNonzero) return nullptr;  // not supported by passes
   absl::StatusOr<BoundRequest> bound = BindRequest(*item.mesh, request);
   const absl::StatusOr<const cpu::RowKernels*> kernels = cpu::SelectRowKernels(request.simd);
   if (!bound.ok() || !kernels.ok()) return nullptr;

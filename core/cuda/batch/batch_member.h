@@ -1,4 +1,4 @@
-// An item of a batch that shares a pass with others: what is known of it before the pass.
+// An item of a batch that can share a pass with others: everything that is known before the pass.
 #pragma once
 
 #include <memory>
@@ -10,9 +10,9 @@
 
 namespace voxelpipe::cuda {
 
-// How a member goes through a pass.
+// How a pass processes a member.
 enum class BatchPath {
-  kRows,       // plain bits
+  kRows,       // occupancy bits
   kValues,     // other dense and sparse results
   kFragments,  // A-buffers
 };
@@ -20,11 +20,11 @@ enum class BatchPath {
 struct BatchMember {
   const BatchItem* item = nullptr;
   std::unique_ptr<BoundRequest> bound;
-  std::unique_ptr<cpu::RunState> host;  // refers to `bound`; its view shows the mesh as the vertex shader left it
+  std::unique_ptr<cpu::RunState> host;  // refers to `bound`; its view shows the mesh after the vertex shader
   Plan plan;
   VoxelizeStats stats;
   BatchPath path = BatchPath::kRows;
-  uint64_t box_voxels = 0;  // unless its path is kRows: about the most fragments that it can have
+  uint64_t box_voxels = 0;  // not for kRows: approximate upper bound of its fragments
 
   const VoxelizeRequest& request() const { return bound->request; }
   uint64_t triangles() const { return host->view.triangle_count; }
@@ -36,27 +36,27 @@ struct BatchMember {
   bool parity() const { return request().fill == Fill::kParity; }
   bool flood() const { return request().fill == Fill::kFlood; }
   bool filled() const { return request().fill != Fill::kNone; }
-  // Whether a flood's conservative shell is rasterized besides the coverage, which is not it.
+  // True if a flood fill needs a conservative shell besides the coverage.
   bool own_shell() const;
-  // A pass has its members in this order: by path, and those that are flooded, and of them those with a shell of their
-  // own, next to each other.
+  // Sort key of members within a pass: by path; members with flood fill are adjacent, and among them those with their
+  // own shell.
   int order() const;
-  uint64_t column_words() const {  // of all layers
+  uint64_t column_words() const {  // over all layers
     return parity() ? uint64_t((plan.grid.dims[1] + 31) / 32) * uint64_t(plan.grid.dims[2]) : 0;
   }
-  // The stage that its pass is to clients, all that it does.
+  // The stage reported to clients for the whole pass.
   const char* stage() const { return path == BatchPath::kFragments ? "emit" : "fine_raster"; }
-  // What the device holds of its bit grids, in 32-bit words; not of an A-buffer.
+  // 32-bit words of device memory for its bit grids. Not for an A-buffer.
   uint64_t grid_words() const;
-  // What the device holds of its targets, packed bits and values, in 32-bit words; not of an A-buffer.
+  // 32-bit words of device memory for its targets, packed bits and values. Not for an A-buffer.
   uint64_t target_words() const;
-  // About the most that fragments take on the device, in 32-bit words: of an A-buffer what goes back, of values their
-  // list and accumulators.
+  // Approximate upper bound of the device memory of its fragments, in 32-bit words: for an A-buffer its result, for
+  // values their list and accumulators.
   uint64_t fragment_words() const;
 };
 
-// Shades the item's vertices and plans. Null where it cannot share a pass, being large, of another kind, or wrong in
-// some way: alone it says what. In the calling thread's arena.
+// Shades the item's vertices and makes its plan. Null if it cannot share a pass because it is too large, unsupported or
+// invalid: run alone it returns the error. Runs in the calling thread's arena.
 std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchItem& item, const PlanLimits& limits);
 
 }  // namespace voxelpipe::cuda

@@ -24,7 +24,7 @@ void BatchMesh::AddToBlock(const T* from, uint64_t count, UploadLayout& layout, 
   array.at = layout.Add(from, count);
 }
 
-// An empty key: the device does not keep it.
+// An empty key: the array is not cached on the device.
 template <typename T>
 absl::Status BatchMesh::AddArray(const std::string& key, const T* from, uint64_t count, KeptArrays& kept,
                                  UploadLayout& layout, Array<T>& array) {
@@ -67,7 +67,7 @@ absl::Status BatchMesh::AddShading(const BatchMember& member, KeptArrays& kept, 
   s.view_at = layout.Add(&s.view, 1);
   AddToBlock(host.parts, host.part_count, layout, s.parts);
   if (!AnyShading(*member.bound)) return absl::OkStatus();
-  // Of the mesh itself, or made by the vertex shader.
+  // True (`own`): of the mesh itself; false: computed by the vertex shader.
   const auto key = [&](const std::string& part, bool own) {
     return id.empty() || !own ? "" : absl::StrCat(id, "/", part);
   };
@@ -102,7 +102,7 @@ void BatchMesh::AddTextures(UploadLayout& layout) {
   for (size_t i = 0; i < s.texture_list.size(); ++i) {
     const TextureView& t = s.texture_list[i];
     if (t.rgba == nullptr) continue;
-    // A texture stands in the list twice, as linear values and as sRGB colours: of one image.
+    // A texture is listed twice, as linear values and as sRGB colours, with one image.
     if (i > 0 && s.texture_list[i - 1].rgba == t.rgba) {
       s.images[i] = s.images[i - 1];
     } else {

@@ -1,4 +1,4 @@
-// A member's mesh on the device: what the device keeps of it, and what goes up with the pass.
+// A member's mesh on the device: cached arrays, and arrays uploaded with the pass.
 #pragma once
 
 #include <memory>
@@ -11,12 +11,12 @@
 
 namespace voxelpipe::cuda {
 
-// The arrays that the device keeps, of all members. Must live until the pass's work is done.
+// Cached device arrays of all members. Must live until the pass's work is done.
 class KeptArrays {
  public:
   KeptArrays(int ordinal, cudaStream_t stream) : ordinal_(ordinal), stream_(stream) {}
   int ordinal() const { return ordinal_; }
-  // The device's copy of an array that a mesh's id names, made if there is none.
+  // The cached array with a key derived from the mesh's id; uploads it if it is missing.
   absl::StatusOr<const uint8_t*> Find(const std::string& key, const void* from, uint64_t bytes);
 
  private:
@@ -28,19 +28,19 @@ class KeptArrays {
 
 class BatchMesh {
  public:
-  // Adds to `layout` what of the mesh the member's stages read and the device does not keep. `member` and this object
-  // must live until the layout was copied.
+  // Adds the arrays that the member's stages read and that are not cached to `layout`. `member` and this object must
+  // live until the layout is copied.
   absl::Status Add(const BatchMember& member, KeptArrays& kept, UploadLayout& layout);
-  // Once the layout's block has its place. `index_positions`: where the pass puts the vertices in index space.
+  // Call when the layout's block has its address. `index_positions`: where the pass stores the vertices in index space.
   void Place(const uint8_t* block, const Vec3d* index_positions);
 
-  // On the device; after Place.
+  // On the device; valid after Place.
   const Vec3d* positions() const { return positions_there_; }
   const uint32_t* triangles() const { return triangles_there_; }
-  const MeshView* view() const { return view_there_; }  // of a member that is shaded; else null
+  const MeshView* view() const { return view_there_; }  // null unless the member is shaded
 
  private:
-  // An array on the device: there already, or in the block.
+  // An array on the device: cached, or at an offset in the block.
   template <typename T>
   struct Array {
     const T* kept = nullptr;
@@ -57,7 +57,7 @@ class BatchMesh {
   void AddTextures(UploadLayout& layout);
   void PlaceShading(const uint8_t* block, const Vec3d* index_positions);
 
-  // What fragment shaders read besides positions and triangles. Lists show arrays; they are changed to where those are.
+  // Inputs of fragment shaders besides positions and triangles. Pointers within lists are replaced by device addresses.
   struct Shading {
     MeshView view;
     uint64_t view_at = 0;
@@ -81,7 +81,7 @@ class BatchMesh {
   const Vec3d* positions_there_ = nullptr;
   const uint32_t* triangles_there_ = nullptr;
   const MeshView* view_there_ = nullptr;
-  std::unique_ptr<Shading> shading_;  // of a member that is shaded
+  std::unique_ptr<Shading> shading_;  // null unless the member is shaded
 };
 
 }  // namespace voxelpipe::cuda

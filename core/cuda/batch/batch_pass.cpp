@@ -18,7 +18,7 @@ BatchPass::BatchPass(const DeviceInfo& device, DeviceUse use, std::span<const st
 }
 
 BatchPass::~BatchPass() {
-  use_.Wait();  // before what its work reads and writes is released
+  use_.Wait();  // before the memory that its work uses is released
 }
 
 absl::Status BatchPass::Run() {
@@ -33,7 +33,7 @@ absl::Status BatchPass::Run() {
   VOXELPIPE_OK_OR_RETURN(PackBatch(state_));
   VOXELPIPE_OK_OR_RETURN(buckets_.Make(state_));
   const uint64_t back_bytes = buckets_at_ + buckets_.result_bytes();
-  absl::StatusOr<PinnedBuffer> back = PinnedBuffer::Take(back_bytes + 8);  // bricks are read beyond the end
+  absl::StatusOr<PinnedBuffer> back = PinnedBuffer::Take(back_bytes + 8);  // bricks are read 8 bytes past the end
   if (!back.ok()) return back.status();
   back_ = *std::move(back);
   VOXELPIPE_CUDA_OR_RETURN(
@@ -167,13 +167,13 @@ void BatchPass::DescribeItem(const BatchMember& member) {
 void BatchPass::DescribeTargets(const BatchMember& member) {
   places_.emplace_back().first_packed = uint32_t(packed_.size());
   if (member.path == BatchPath::kFragments) return;
-  if (member.sparse()) AddPacked(member, false, true);  // what is occupied
+  if (member.sparse()) AddPacked(member, false, true);  // occupied voxels
   if (member.path == BatchPath::kValues) {
     AddValues(member);
   } else if (!member.sparse()) {
     for (const TargetSpec& spec : member.request().targets) AddPacked(member, spec.clear != 0, FillBit(spec));
   } else if (member.filled()) {
-    AddPacked(member, false, false);  // what has a fragment
+    AddPacked(member, false, false);  // covered voxels
   }
 }
 
@@ -217,7 +217,8 @@ void BatchPass::AddValues(const BatchMember& member) {
     values.clear_stored = target.clear_stored;
     values.fill = FillValueOf(*member.bound, t, member.plan.grid);
     values.voxels = member.plan.grid.voxels();
-    values.words = (TargetBytes(specs[t], values.voxels) + 15) / 16 * 4;  // all that is copied is cleared
+    // whole 16-byte units: all that is copied is cleared
+    values.words = (TargetBytes(specs[t], values.voxels) + 15) / 16 * 4;
     values_.push_back(values);
     own.values[t] = value_bytes_;
     value_bytes_ += values.words * 4;
@@ -237,7 +238,7 @@ absl::Status BatchPass::Allocate() {
   const uint64_t item_of = layout.Add<uint32_t>(view.triangle_count);
   uint64_t queue[3];
   for (uint64_t& q : queue) q = layout.Add<uint32_t>(view.triangle_count);
-  const uint64_t queued = layout.Add<uint64_t>(kBatchQueues);  // from here on cleared together
+  const uint64_t queued = layout.Add<uint64_t>(kBatchQueues);  // cleared together from here on
   const uint64_t bits = layout.Add<uint32_t>(words_);
   const uint64_t own_bits = layout.Add<uint32_t>(own_words_);
   const uint64_t shells = layout.Add<uint32_t>(shell_words_);
@@ -246,8 +247,8 @@ absl::Status BatchPass::Allocate() {
   const uint64_t value_counts = layout.Add<uint32_t>(view.value_triangles + 1);
   const uint64_t bucketed = view.triangle_count - view.row_triangles - view.value_triangles;
   const uint64_t fragment_counts = layout.Add<uint32_t>(bucketed + 1);
-  const uint64_t counts = layout.Add<BatchCounts>(view.item_count);  // from here on copied back together
-  const uint64_t values = layout.Add<uint8_t>(value_bytes_);         // from here on not cleared
+  const uint64_t counts = layout.Add<BatchCounts>(view.item_count);  // copied back together from here on
+  const uint64_t values = layout.Add<uint8_t>(value_bytes_);         // not cleared from here on
   const uint64_t packed = layout.Add<uint32_t>(view.packed_words);
   const uint64_t word_ranks = layout.Add<uint32_t>(valued_.targets() > 0 ? words_ : 0);
   VOXELPIPE_OK_OR_RETURN(work_.Resize(layout.bytes(), state_.stream));
@@ -277,7 +278,7 @@ absl::Status BatchPass::Allocate() {
   return absl::OkStatus();
 }
 
-// Tells the descriptions of a member's targets where they are on the device.
+// Sets the device addresses in the descriptions of a member's targets.
 void BatchPass::PointAtTargets(size_t number) {
   const BatchMember& member = *members_[number];
   const Values& own = *places_[number].values;

@@ -1,4 +1,4 @@
-// One pass of the device for the members of a batch.
+// One pass of the device over the members of a batch.
 #pragma once
 
 #include <array>
@@ -18,30 +18,30 @@ namespace voxelpipe::cuda {
 
 class BatchPass {
  public:
-  // In the order of BatchMember::order(). What is pointed to must outlive the pass.
+  // `members` in the order of BatchMember::order(). What they point to must outlive the pass.
   BatchPass(const DeviceInfo& device, DeviceUse use, std::span<const std::unique_ptr<BatchMember>> members);
   ~BatchPass();
 
-  // All stages, up to the results in host memory. Synchronizes.
+  // Runs all stages, up to results in host memory. Synchronizes.
   absl::Status Run();
-  // Whether there is a result of a member; after Run. There is none of a flood whose walk is a long one: it goes alone,
-  // where it can be cancelled.
+  // True if the member has a result; after Run. There is none if a flood fill needs too many sweeps: the item must run
+  // alone, where it can be cancelled.
   bool Finished(size_t number) const { return CountsOf(number).unfinished == 0; }
-  // The result of a member that is finished; after Run. Takes its statistics. Members may be cut at the same time.
+  // Extracts the result of a finished member, and moves its statistics; after Run. Thread-safe for different members.
   absl::StatusOr<VoxelizeResult> Cut(size_t number);
 
  private:
-  // What a member whose targets have values has besides. Bit grids are words from the first one of `own bits`, values
-  // bytes from the first one.
+  // Additional state of a member with values. `bits` and `presence` are word offsets in own_bits_, `values` byte
+  // offsets.
   struct Values {
-    uint32_t first_value = 0, first_target = 0;  // of values_, of valued_
+    uint32_t first_value = 0, first_target = 0;  // in values_, in valued_
     TargetViews targets;
     std::array<uint64_t, kMaxTargets> bits{}, presence{}, values{};
   };
-  // Where a member's results are among packed_, and the rest.
+  // Where a member's results are in packed_, and its values.
   struct Place {
     uint32_t first_packed = 0;
-    std::unique_ptr<Values> values;  // null: its path is another
+    std::unique_ptr<Values> values;  // null for other paths
   };
 
   BatchCounts CountsOf(size_t number) const;
@@ -51,26 +51,26 @@ class BatchPass {
   void AddPacked(const BatchMember& member, bool clear, bool fill);
   void AddValues(const BatchMember& member);
   absl::Status Allocate();
-  // Descriptions and meshes go up in one copy.
+  // Uploads descriptions and meshes in one copy.
   absl::Status Upload();
   void PointAtTargets(size_t number);
-  // The arrays of a member that has a grid.
+  // Extracts the arrays of a member that has a grid.
   absl::Status CutGrid(const BatchMember& member, const Place& place, VoxelizeResult& result) const;
 
   std::span<const std::unique_ptr<BatchMember>> members_;
-  DeviceUse use_;  // destroyed behind all arrays, which are freed on its stream
+  DeviceUse use_;  // destroyed after all arrays, which are freed on its stream
   BatchState state_;
   std::vector<BatchItemView> items_;
   std::vector<BatchTargetView> packed_;
   std::vector<BatchValueView> values_;
   std::vector<Place> places_;      // per member
-  std::vector<BatchMesh> meshes_;  // likewise
+  std::vector<BatchMesh> meshes_;  // per member
   BatchValues valued_;
   BatchBuckets buckets_;
   uint64_t words_ = 0, own_words_ = 0, shell_words_ = 0, columns_ = 0, value_bytes_ = 0;
   uint32_t* own_bits_ = nullptr;                                                        // bit grids of single targets
   uint8_t* first_values_ = nullptr;                                                     // on the device
-  uint64_t packed_offset_ = 0, values_offset_ = 0, result_bytes_ = 0, buckets_at_ = 0;  // in back_
+  uint64_t packed_offset_ = 0, values_offset_ = 0, result_bytes_ = 0, buckets_at_ = 0;  // offsets in back_
   PinnedBuffer staging_, back_;
   KeptArrays kept_;
   DeviceArray<uint8_t> there_, work_;

@@ -1,4 +1,4 @@
-// The targets of a batch: values are cleared, bits packed, occupied voxels counted.
+// Targets of a batch: clears values, packs bits, counts occupied voxels.
 #include <algorithm>
 
 #include "cuda/batch/batch.h"
@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kThreads = 256;
 
-// All targets of a batch, a word a thread.
+// Packs all targets of a batch, one thread per word.
 __global__ void __launch_bounds__(kThreads) PackBatchKernel(const __grid_constant__ BatchView batch) {
   for (uint64_t w = uint64_t(blockIdx.x) * kThreads + threadIdx.x; w < batch.packed_words;
        w += uint64_t(gridDim.x) * kThreads) {
@@ -32,7 +32,7 @@ __global__ void __launch_bounds__(kThreads) PackBatchKernel(const __grid_constan
   }
 }
 
-// Blocks in x take a target's values each, blocks in y share its words.
+// gridDim.x distributes targets with values, gridDim.y the words of each.
 __global__ void __launch_bounds__(kThreads) ClearBatchKernel(const __grid_constant__ BatchView batch) {
   const uint64_t begin = uint64_t(blockIdx.y) * kThreads + threadIdx.x, step = uint64_t(gridDim.y) * kThreads;
   for (uint32_t i = blockIdx.x; i < batch.value_count; i += gridDim.x) {
@@ -45,7 +45,7 @@ __global__ void __launch_bounds__(kThreads) ClearBatchKernel(const __grid_consta
   }
 }
 
-// Blocks in x take an item each, blocks in y share its words.
+// gridDim.x distributes items, gridDim.y the words of each.
 __global__ void __launch_bounds__(kThreads) CountBatchKernel(const __grid_constant__ BatchView batch) {
   const uint64_t begin = uint64_t(blockIdx.y) * kThreads + threadIdx.x, step = uint64_t(gridDim.y) * kThreads;
   for (uint32_t i = blockIdx.x; i < batch.item_count; i += gridDim.x) {

@@ -18,7 +18,7 @@ void BatchValues::Add(uint32_t number, const TargetViews& targets, BatchItemView
   shading.drops = !targets.any_always_present;
   for (int t = 0; t < targets.count; ++t) {
     const CudaTarget& target = targets.at[t];
-    if (target.is_occupancy) continue;  // the coverage itself
+    if (target.is_occupancy) continue;  // the coverage is the value
     const ShadedTarget& shaded = targets_.emplace_back(ShadedTargetOf(target, ShapeOf(target)));
     item_of_.push_back(number);
     if (NeedsNoShading(shaded)) continue;
@@ -29,7 +29,7 @@ void BatchValues::Add(uint32_t number, const TargetViews& targets, BatchItemView
 }
 
 absl::Status BatchValues::Allocate(BatchState& state, const std::vector<uint32_t>& touched) {
-  // What begins with zeros, and behind it what begins with ones.
+  // Accumulators that start at 0, followed by those that start with all bits set.
   BlockLayout layout;
   std::vector<uint64_t> cells(targets_.size()), sums(targets_.size()), counts(targets_.size());
   const auto voxels_of = [&](size_t t) { return touched[item_of_[t] - first_item_]; };

@@ -1,6 +1,6 @@
-// Kernels of a batch's items whose targets have values: the voxels that triangles touch are ranked, every fragment is
-// shaded and blended into the accumulators of its voxel, and these become the values (core/cuda/README.md, "Coverage,
-// then shade, then blend"). No host-only includes.
+// Kernels for items of a batch whose targets have values: rank the touched voxels, shade every fragment and blend it
+// into the accumulators of its voxel, then convert accumulators to values (core/cuda/README.md, "Coverage, then shade,
+// then blend"). No host-only includes.
 #pragma once
 
 #include "cuda/batch/batch_bits.cuh"
@@ -12,7 +12,7 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kValueThreads = 256, kRankThreads = 1024;
 
-// Sets the bits that a triangle touches, and counts its fragments.
+// Traversal operation that sets the bits that a triangle touches and counts its fragments.
 struct CountAndSetBits {
   SetBatchBits<&BatchItemView::first_touched> bits;
   CountFragments count;
@@ -34,8 +34,9 @@ struct CountAndSetBits {
   }
 };
 
-// Ranks the touched voxels of an item, a block an item: batch.word_ranks. `touched[k]`: how many item first_item + k
-// has. `firsts`: where the fragments of the triangles from number first_triangle on begin; the item's are counted.
+// Ranks the touched voxels of each item in batch.word_ranks, one block per item. touched[k] receives their number for
+// item first_item + k. `firsts`: offsets of the fragments of triangles from first_triangle on, for the item's fragment
+// count.
 __global__ void __launch_bounds__(kRankThreads)
     RankItems(const __grid_constant__ BatchView batch, uint32_t first_item, uint64_t first_triangle,
               const uint64_t* firsts, uint32_t* touched) {
@@ -45,7 +46,7 @@ __global__ void __launch_bounds__(kRankThreads)
   const uint32_t* const bits = batch.bits + item.first_touched;
   uint32_t* const ranks = batch.word_ranks + item.first_touched;
   const unsigned lane = threadIdx.x % 32, warp = threadIdx.x / 32;
-  uint32_t before = 0;  // all words in hand
+  uint32_t before = 0;  // sum over all words before the current ones
   for (uint64_t begin = 0; begin < item.words; begin += kRankThreads) {
     const uint64_t w = begin + threadIdx.x;
     const uint32_t count = w < item.words ? uint32_t(__popc(bits[w])) : 0;
@@ -57,25 +58,25 @@ __global__ void __launch_bounds__(kRankThreads)
     const uint32_t earlier = __shfl_sync(~0u, WarpExclusiveSum(sums[lane], all), int(warp));
     if (w < item.words) ranks[w] = before + earlier + in_warp;
     before += all;
-    __syncthreads();  // `sums` is free again
+    __syncthreads();  // `sums` may be overwritten
   }
   if (threadIdx.x != 0) return;
   touched[blockIdx.x] = before;
   const uint64_t first = item.first_triangle - first_triangle;
   batch.counts[number].fragments = firsts[first + item.triangle_count] - firsts[first];
 }
-static_assert(kRankThreads / 32 == 32);  // a lane a warp
+static_assert(kRankThreads / 32 == 32);  // one lane per warp
 
 __device__ inline Ranks RanksOf(const BatchView& batch, const BatchItemView& item) {
   return {batch.bits + item.first_touched, batch.word_ranks + item.first_touched};
 }
 
-// True if fragments are blended whatever their shader would say of them.
+// True if fragments are blended without running the shader.
 VOXELPIPE_HD bool NeedsNoShading(const ShadedTarget& shaded) {
   return !shaded.target.own_presence && (shaded.has_owner || shaded.to.kept == Kept::kCount);
 }
 
-// A thread a fragment.
+// One thread per fragment.
 __global__ void __launch_bounds__(kValueThreads)
     BlendBatchFragments(const __grid_constant__ BatchView batch, const ShadedTarget* targets, const uint32_t* keys,
                         const uint32_t* triangles, uint64_t count) {
@@ -134,7 +135,7 @@ __device__ inline void StoreOwner(const BatchItemView& item, const CudaTarget& t
   }
 }
 
-// What was blended becomes the values of covered voxels. Blocks in x take a target each, blocks in y share its words.
+// Converts accumulators to values of covered voxels. gridDim.x distributes targets, gridDim.y the words of each.
 __global__ void __launch_bounds__(kValueThreads)
     StoreBatchValues(const __grid_constant__ BatchView batch, const ShadedTarget* targets, const uint32_t* item_of,
                      uint32_t count) {

@@ -1,4 +1,4 @@
-// The items of a pass whose targets have values: what the host holds of them, and their accumulators.
+// Items of a pass whose targets have values: host-side descriptions and their accumulators.
 #pragma once
 
 #include <cstdint>
@@ -12,18 +12,18 @@ namespace voxelpipe::cuda {
 
 class BatchValues {
  public:
-  // Describes item number `number`: in `item`, and for all. Items come in their order, next to one another. Its targets
-  // but those that are the occupancy bit are `targets`, whose memory is told by At.
+  // Adds item `number` and describes it in `item`. Items come in order and are adjacent. `targets`: those that are not
+  // occupancy bits; At sets their memory.
   void Add(uint32_t number, const TargetViews& targets, BatchItemView& item);
-  // Target number `index` of those that were added, before Make.
+  // The `index`-th added target; call before Make.
   CudaTarget& At(size_t index) { return targets_[index].target; }
   size_t targets() const { return targets_.size(); }
 
-  // All their stages, from triangles to values and coverage. Synchronizes.
+  // Runs all stages, from triangles to values and coverage. Synchronizes.
   absl::Status Make(BatchState& state);
 
  private:
-  // Room for the accumulators of targets whose items have so many touched voxels.
+  // Allocates accumulators for `touched` voxels per item.
   absl::Status Allocate(BatchState& state, const std::vector<uint32_t>& touched);
 
   uint32_t first_item_ = 0, items_ = 0;
