@@ -128,7 +128,7 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
   std::stable_sort(together.begin(), together.end(),
                    [](const auto& a, const auto& b) { return a->order() < b->order(); });
   const PassSize most = MostOfPass(device);
-  std::vector<const BatchItem*> left;  // in units of passes
+  std::vector<const BatchItem*> left;  // run alone after all passes
   for (size_t begin = 0; begin < together.size();) {
     PassSize size;
     size_t end = begin;

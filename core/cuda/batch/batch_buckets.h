@@ -48,7 +48,7 @@ class BatchBuckets {
   // Results on the device (voxels, offsets, values of targets), and their offsets and those of the triangles on the
   // host.
   DeviceArray<uint8_t> results_;
-  uint64_t voxels_ = 0;  // listed ones
+  uint64_t voxels_ = 0;  // listed voxels
   uint64_t offsets_at_ = 0, triangles_at_ = 0, result_bytes_ = 0;
   std::vector<uint64_t> values_at_;  // per element of targets_
 };

@@ -67,7 +67,7 @@ absl::Status BatchMesh::AddShading(const BatchMember& member, KeptArrays& kept, 
   s.view_at = layout.Add(&s.view, 1);
   AddToBlock(host.parts, host.part_count, layout, s.parts);
   if (!AnyShading(*member.bound)) return absl::OkStatus();
-  // True (`own`): of the mesh itself; false: computed by the vertex shader.
+  // `own`: an array of the mesh itself; otherwise the vertex shader computed it.
   const auto key = [&](const std::string& part, bool own) {
     return id.empty() || !own ? "" : absl::StrCat(id, "/", part);
   };

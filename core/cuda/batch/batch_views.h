@@ -38,8 +38,8 @@ struct BatchItemView {
   // A-buffers, which have no bit grid, last.
   uint64_t first_vertex = 0, first_triangle = 0, first_row = 0, first_word = 0, first_column = 0;
   uint64_t first_shell = 0, first_voxel = 0;
-  // Where the bits of the voxels that its triangles touch begin among the words of bit grids: its coverage, or a grid
-  // beside it if every target's shader can discard. A multiple of 4, as first_word.
+  // Word offset of the bits of touched voxels: the coverage, or a separate grid if every target's shader can discard.
+  // A multiple of 4, like first_word.
   uint64_t first_touched = 0;
   uint64_t triangle_count = 0;
   uint64_t words = 0;        // of its bit grid

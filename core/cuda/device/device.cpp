@@ -123,8 +123,7 @@ bool IsSticky(cudaError_t error) {
 
 struct Memory {
   uint64_t free = 0, idle = 0,
-           // Bytes free in the driver, idle in the pool (the driver counts them as used), and in total.
-           all = 0;
+           all = 0;  // bytes free in the driver, idle in the pool (the driver counts them as used), and in total
 };
 
 // Memory of the current device; nullopt if it cannot be determined.

@@ -91,9 +91,8 @@ struct RunState {
   DeviceArray<uint64_t> cells, blocks;
   DeviceArray<uint64_t> spans;  // of the slab (span.h), unordered, with kNoSpan entries between them
   uint64_t span_count = 0;      // of all triangles, including those that did not fit
-  // Bit grid that also has voxels of discarded fragments. Empty: nothing is discarded, the coverage has all voxels.
   DeviceArray<uint32_t>
-      touched_bits;
+      touched_bits;  // bit grid that also has voxels of discarded fragments; empty: none are, use the coverage
   DeviceArray<uint32_t> word_ranks;   // rank of each word of touched_bits, or of the coverage if that is empty (Ranks)
   DeviceArray<uint32_t> listed_bits;  // sparse result: bit index of each voxel
   uint64_t ranked_voxels = 0;         // number of voxels with accumulators

@@ -59,9 +59,8 @@ class PoolWriter {
 
 struct PoolResultArgs {
   BrickPool pool;
-  // Per slot: 16 words, a bit for each touched cell; the number of those.
   uint32_t *masks = nullptr,
-           *voxels = nullptr;
+           *voxels = nullptr;  // per slot: 16 words with a bit for each touched cell, and the number of these bits
   // Per tile of the slab; one more element, 0, so that the prefix sum ends with the total.
   uint64_t tiles = 0;
   uint32_t *brick_counts = nullptr, *voxel_counts = nullptr;

@@ -42,7 +42,7 @@ struct FourRoom {
   static constexpr uint32_t kParts = kMaxFourRounds * kWarps;  // a part: one iteration of one warp
   uint32_t lanes[2][kParts];                                   // during the main loop: lane masks of the same triangles
   static_assert(kParts <= uint32_t(kFourThreads) &&
-                kTriangles <= 1 << 16);  // a thread clears each; numbers have 16 bits
+                kTriangles <= 1 << 16);  // one thread clears each part; numbers have 16 bits
   uint32_t row_count, waiting_count;
   uint32_t turn;  // the next work item of a warp
   unsigned long long first;

@@ -24,7 +24,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// Bytes of the device's memory for each span that the list may hold at most.
+// The span list is limited to one span per so many bytes of device memory.
 constexpr uint64_t kMemoryPerSpan = 64;
 
 // Common shaders have specialized kernels, which use no local memory.

@@ -134,9 +134,8 @@ __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_c
 // Outputs of ListOwners: a target's voxels, their owners, and output elements.
 struct OwnerListArgs {
   StoreArgs from;  // accumulators that hold owners
-  // `to`: elements of a dense result by rank, of a sparse one in the order of its list.
   uint32_t *keys = nullptr, *triangles = nullptr,
-           *to = nullptr;
+           *to = nullptr;  // output elements: of a dense result by rank, of a sparse one in list order
 };
 
 __global__ void __launch_bounds__(kBlendThreads) ListOwners(const __grid_constant__ OwnerListArgs args) {

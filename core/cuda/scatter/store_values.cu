@@ -59,9 +59,8 @@ absl::Status StoreOwners(RunState& state, int index, const StoreArgs& from, bool
   for (auto* array : {&owners.keys, &owners.triangles, &owners.to}) {
     VOXELPIPE_OK_OR_RETURN(array->Resize(most, state.stream));
   }
-  // kNoTriangleListed, for voxels in which the target has no fragment.
   VOXELPIPE_OK_OR_RETURN(
-      owners.triangles.Fill(0xff, state.stream));
+      owners.triangles.Fill(0xff, state.stream));  // kNoTriangleListed: the target has no fragment there
   OwnerListArgs args;
   args.from = from;
   args.keys = owners.keys.data();
