@@ -1,9 +1,9 @@
-// The sort-last pipeline: all fragments of each voxel.
+// The sort-last pipeline: the A-buffer, that is, all fragments of each voxel.
 //
-// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing): fragments are counted, given room by a scan,
-// emitted, sorted by voxel, and runs of equal voxels become buckets. Changed: they are emitted in the order of
-// triangles and sorted stably by the bits that the slab's voxel numbers have, so that each bucket is in the order of
-// triangle ids; and fragments of a voxel by triangles of near ids may be sorted as one (fragment_group.h).
+// Source: J. Pantaleoni, "VoxelPipe", HPG 2011, section 4 (bucketing): fragments are counted, allocated by a scan,
+// emitted and sorted by voxel; runs of equal voxels become buckets. Differences: fragments are emitted in triangle
+// order and sorted stably by only as many bits as the slab's voxel indices have, so each bucket is in order of triangle
+// ids; and fragments of one voxel by triangles with nearby ids may be sorted as one group (fragment_group.h).
 #include <cub/device/device_select.cuh>
 
 #include <algorithm>
@@ -51,7 +51,7 @@ absl::Status Compact(RunState& state, const uint32_t* from, const uint8_t* flags
   return absl::OkStatus();
 }
 
-// Drops the fragments that the shaders of all targets discard.
+// Removes the fragments that the shaders of all targets discard.
 absl::Status DropDiscarded(RunState& state) {
   DeviceArray<uint8_t> kept;
   VOXELPIPE_OK_OR_RETURN(kept.Resize(state.a_buffer.fragments.count, state.stream));
@@ -80,7 +80,8 @@ FragmentArgs MakeFragmentArgs(RunState& state, const FragmentCounts& counts) {
   args.values = state.a_buffer.fragments.triangles[0].data();
   args.room = state.a_buffer.fragments.triangles[0].size();
   args.list = ListOf(state);
-  if (args.triangles > GetSpanLimits().triangles) args.list.capacity = args.list.own = 0;  // rows are found twice
+  // spans cannot encode the ids: rows are rasterized twice
+  if (args.triangles > GetSpanLimits().triangles) args.list.capacity = args.list.own = 0;
   return args;
 }
 
@@ -99,18 +100,18 @@ uint64_t BundleBlocks(const RunState& state) {
   return (state.mesh.host_view.triangle_count + each - 1) / each;
 }
 
-// What EmitBundles wants cleared.
+// Clears the block sums of EmitBundles.
 absl::Status ClearBundleBlocks(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(state.a_buffer.bundles_before.Resize(BundleBlocks(state), state.stream));
   return state.a_buffer.bundles_before.Fill(0, state.stream);
 }
 
-// Whether fragments are bundled, and how; then what EmitBundles wants is cleared.
+// Decides whether and how fragments are grouped; if so, clears the block sums of EmitBundles.
 absl::Status BeginBundles(RunState& state) {
   std::optional<BundlePlan>& plan = state.a_buffer.fragments.plan;
   plan = PlanBundles(state);
   if (!plan) return absl::OkStatus();
-  // As many rounds as leave the least to the last wave of blocks.
+  // Iterations per warp that leave the smallest tail in the last wave of blocks.
   const uint64_t resident = uint64_t(state.device.multiprocessors) * kBundleBlocks;
   plan->rounds = uint32_t(RoundsFor(state.mesh.host_view.triangle_count, kChunkWarps * int(kBundledTriangles), resident,
                                     int(plan->rounds)));
@@ -132,8 +133,8 @@ absl::Status LaunchEmitBundles(RunState& state, const FragmentArgs& fragments) {
   return absl::OkStatus();
 }
 
-// Fragments, or bundles of them, and listed spans, each as far as there is room. `bundles`: becomes their number on its
-// way to the host.
+// Emits fragments, or groups of them, of records and listed spans, up to the capacity of both lists. `bundles`:
+// receives an asynchronous copy of the number of groups.
 absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optional<CounterCopy>& bundles) {
   if (state.a_buffer.fragments.plan) {
     VOXELPIPE_OK_OR_RETURN(LaunchEmitBundles(state, args));
@@ -150,8 +151,8 @@ absl::Status EmitRecords(RunState& state, const FragmentArgs& args, std::optiona
   return absl::OkStatus();
 }
 
-// Room for the fragments that the plan expects, before they are counted; false where that might be memory that is
-// needed elsewhere.
+// Allocates the predicted number of fragments before they are counted. False if the prediction exceeds its share of
+// memory.
 bool GuessRoom(RunState& state) {
   constexpr uint64_t kPartOfMemory = 64;
   const uint64_t most = std::min(state.device.memory_bytes, MemoryLimit()) / kPartOfMemory / (2 * sizeof(uint32_t));
@@ -159,10 +160,10 @@ bool GuessRoom(RunState& state) {
   return guess <= most && state.a_buffer.fragments.MakeRoom(0, guess, state.stream).ok();
 }
 
-// Every triangle is walked once: small ones leave records, the others spans. Where there are more spans than the list
-// has room for, the others are walked again. Where there is room for what is guessed the host learns how many fragments
-// there are while they are emitted, and nothing waits for it, but where they are bundled: how many bundles are sorted
-// is known when they are emitted.
+// Rasterizes every triangle once: small ones become records, the others spans. If the span list overflows, the others
+// are rasterized again. If the predicted capacity suffices, the host reads the fragment count while fragments are
+// emitted, so that nothing waits for it. With groups the host waits, because the sort needs the number of groups, which
+// is known after emission.
 absl::Status EmitByCells(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   Fragments& fragments = state.a_buffer.fragments;
@@ -190,7 +191,7 @@ absl::Status EmitByCells(RunState& state) {
   const FragmentArgs args = MakeFragmentArgs(state, counts);
   if (!fits) {
     if (too_many) fragments.plan.reset();
-    bundles.reset();  // done with the counter
+    bundles.reset();  // no longer reads the counter
     if (fragments.plan && guessed) VOXELPIPE_OK_OR_RETURN(ClearBundleBlocks(state));
     VOXELPIPE_OK_OR_RETURN(EmitRecords(state, args, bundles));
   }
@@ -202,13 +203,13 @@ absl::Status EmitByCells(RunState& state) {
   const uint64_t spans = args.list.own + **counted;
   if (spans <= args.list.capacity) return absl::OkStatus();
   VOXELPIPE_OK_OR_RETURN(EmitWaiting<FragmentWriter>(state, MakeRestArgs(state, 0, triangles, true), args));
-  // The next slab's are likely as many. This one does not need the room.
+  // The next slab likely has as many spans. This slab does not use the larger list.
   const uint64_t wanted = std::min(state.device.memory_bytes / 64 / sizeof(uint64_t), spans + spans / 16);
   if (wanted > args.list.capacity) (void)state.lists.spans.Resize(wanted, state.stream);
   return absl::OkStatus();
 }
 
-// Buckets of fragments, or of bundles, and the ones of the targets that `ones` has.
+// Makes buckets of fragments or groups, and sets the bit targets in `ones` to 1.
 absl::Status MakeBuckets(RunState& state, uint64_t first_voxel, std::span<uint8_t* const> ones) {
   Fragments& fragments = state.a_buffer.fragments;
   BundleArgs args;
@@ -267,7 +268,7 @@ absl::Status Resolve(RunState& state) {
   const bool shades = ShadesFragments(state.request);
   const std::span<uint8_t* const> ones(values_of, shades ? 0 : size_t(state.targets.count));
   VOXELPIPE_OK_OR_RETURN(MakeBuckets(state, first_voxel, ones));
-  if (!shades) return absl::OkStatus();  // written with the buckets
+  if (!shades) return absl::OkStatus();  // the values were written with the buckets
   return ShadeList(state, ListOfFragments(state), values_of);
 }
 

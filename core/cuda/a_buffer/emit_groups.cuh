@@ -1,4 +1,4 @@
-// The A-buffer's fragments as bundles (fragment_group.h), from records of triangles. No host-only includes.
+// Emits the A-buffer's fragments as groups ("bundles", fragment_group.h) from coverage records. No host-only includes.
 #pragma once
 
 #include "cuda/a_buffer/emit_records.cuh"
@@ -9,22 +9,22 @@ namespace voxelpipe::cuda {
 
 static_assert(kBundledTriangles == 32 * kCellsOfThread);
 
-struct EmitBundleArgs : FragmentArgs {  // keys and values become those of bundles
+struct EmitBundleArgs : FragmentArgs {  // keys and values are those of groups
   BundleCode code;
   uint32_t rounds = 1;
-  uint64_t* before = nullptr;   // of LookBack: per block, 0 at first
-  uint64_t* bundles = nullptr;  // becomes their number
+  uint64_t* before = nullptr;   // block sums of LookBack, 0 at first
+  uint64_t* bundles = nullptr;  // receives the number of groups
 };
 
-// The fragments at room[from] and behind, `count`, a lane each: those of one voxel become bundles, which are put at
-// room[to] and behind; `to` is not beyond `from`. The number of bundles. What waits, if `waits` says that some may,
-// stays as it is staged, and no bundle holds triangles before it and behind it.
+// Groups the `count` <= 32 fragments at room[from], one per lane, by voxel and writes the groups to room[to], where to
+// <= from. Returns the number of groups. Placeholders of deferred triangles (possible only if `waits`) are copied
+// unchanged, and no group spans triangles on both sides of one.
 __device__ inline uint32_t BundleGroup(const BundleCode& code, bool waits, uint2 (&room)[kBundleRoom], uint32_t from,
                                        uint32_t count, uint32_t to) {
   const unsigned lane = threadIdx.x % 32;
   const uint32_t below = (1u << lane) - 1;
   const bool has = lane < count;
-  static_assert(kMaxSpanBits <= uint64_t{~31u});  // so that ~lane is no voxel
+  static_assert(kMaxSpanBits <= uint64_t{~31u});  // so that ~lane is never a voxel
   const uint2 fragment = has ? room[from + lane] : uint2{~lane, 0};
   uint32_t voxel = fragment.x, waiting = 0;
   if (waits) {
@@ -43,8 +43,7 @@ __device__ inline uint32_t BundleGroup(const BundleCode& code, bool waits, uint2
   return uint32_t(__popc(heads));
 }
 
-// The triangles of a warp: from the first, which may be beyond the last, as many as it takes, in rounds; counted from
-// the first.
+// The range of triangles of a warp (empty past the last triangle). Indices are relative to its first triangle.
 struct BundledTriangles {
   uint32_t first, here;
 
@@ -54,7 +53,7 @@ struct BundledTriangles {
     first = min(number * each, all);
     here = min(all - first, each);
   }
-  // The lane's first one in a round that begins with `begin`.
+  // The lane's first triangle in the iteration that starts at `begin`.
   __device__ static uint32_t Local(uint32_t begin) { return begin + threadIdx.x % 32 * kCellsOfThread; }
 
   __device__ void Load(const EmitBundleArgs& args, uint32_t begin, uint64_t (&cells)[kCellsOfThread]) const {
@@ -81,7 +80,7 @@ struct BundledTriangles {
   }
 };
 
-// Of a warp whose bundles there is no room for: the number of its fragments.
+// Fallback for a warp whose groups overflow its shared memory: the number of its fragments, each as a group of its own.
 __device__ __noinline__ inline uint64_t CountPlainly(const EmitBundleArgs& args, BundledTriangles triangles) {
   uint64_t sum = 0;
   for (uint32_t begin = 0; begin < triangles.here; begin += kBundledTriangles) sum += triangles.Take(args, begin).all();
@@ -104,7 +103,7 @@ __device__ inline uint32_t BundleWarp(const EmitBundleArgs& args, const BundledT
   const unsigned lane = threadIdx.x % 32;
   const BitSteps steps(args.grid);
   uint32_t bundles = 0;
-  uint32_t staged = 0;  // behind the bundles: fragments that are in none yet, fewer than 32 of them from before
+  uint32_t staged = 0;  // fragments behind the groups that are not grouped yet; fewer than 32 carry over
   bool waits = false;
   uint64_t next[kCellsOfThread];
   triangles.Load(args, 0, next);
@@ -116,7 +115,7 @@ __device__ inline uint32_t BundleWarp(const EmitBundleArgs& args, const BundledT
     const uint32_t mine = of.few(kBundleRoom + 1);
     uint32_t all;
     const uint32_t before = WarpExclusiveSum(mine, all);
-    for (uint32_t done = 0; done < all;) {  // all at once if there is room
+    for (uint32_t done = 0; done < all;) {  // one iteration if all fit
       const uint32_t room_left = kBundleRoom - bundles - staged;
       uint32_t end = all;
       if (all - done > room_left) {
@@ -145,8 +144,8 @@ __device__ inline uint32_t BundleWarp(const EmitBundleArgs& args, const BundledT
   return bundles;
 }
 
-// The bundles of all records, a block kChunkWarps * rounds * kBundledTriangles triangles. What waits has a bundle for
-// each fragment. May begin early.
+// Emits the groups of all records. A block takes kChunkWarps * rounds * kBundledTriangles triangles. Each fragment of a
+// deferred triangle is a group of its own, written by a later kernel. Supports programmatic dependent launch.
 __global__ void __launch_bounds__(kChunkThreads, kBundleBlocks)
     EmitBundles(const __grid_constant__ EmitBundleArgs args) {
   __shared__ uint2 rooms[kChunkWarps][kBundleRoom];
@@ -184,7 +183,7 @@ __global__ void __launch_bounds__(kChunkThreads, kBundleBlocks)
       keys[i] = KeyOfBit(args.grid, bundle.x);
       values[i] = first + bundle.y;
     } else if (bundle.x != kNotHere) {
-      args.blocks[first + bundle.x] = out + i;  // others write there
+      args.blocks[first + bundle.x] = out + i;  // a later kernel writes them there
     }
   }
 }

@@ -1,5 +1,5 @@
-// The A-buffer's fragments from records of triangles (coverage_record.h), in the order of triangles. FindCells counts them;
-// where those of a block begin is the sum of what is counted before. No host-only includes.
+// Emits the A-buffer's fragments from coverage records (coverage_record.h), in triangle order. FindCells counted them;
+// a block's output offset is the sum of the counts before it. No host-only includes.
 #pragma once
 
 #include "cuda/coverage/coverage_pass.cuh"
@@ -9,24 +9,25 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kChunkThreads = 256, kChunkWarps = kChunkThreads / 32, kCellsOfThread = 2;
-inline constexpr uint32_t kCellsAtOnce = kChunkThreads * kCellsOfThread;  // whose fragments a block emits together
-inline constexpr uint32_t kStagedFragments = 4096;  // of those; where they have more none is staged
-inline constexpr uint32_t kNotHere = ~0u;           // what other kernels write
+inline constexpr uint32_t kCellsAtOnce = kChunkThreads * kCellsOfThread;  // triangles per iteration of a block
+// capacity of the staging buffer; an iteration with more bypasses it
+inline constexpr uint32_t kStagedFragments = 4096;
+inline constexpr uint32_t kNotHere = ~0u;           // placeholder of a fragment that another kernel writes
 
 struct FragmentArgs {
   GridView grid;
   uint64_t* cells = nullptr;   // records
-  uint64_t* blocks = nullptr;  // masks; of others, where their next fragment goes
+  uint64_t* blocks = nullptr;  // block masks; for deferred triangles the output position of their next fragment
   uint64_t triangles = 0;
   FragmentCounts counts;
   uint32_t *keys = nullptr, *values = nullptr;
-  uint64_t room = 0;          // fragments; what is beyond it is not written
-  SpanList list;              // what waits, if it has room for all
-  uint64_t* clear = nullptr;  // `clear_count` elements, which EmitCells or EmitBundles sets to 0 for a later kernel
+  uint64_t room = 0;          // capacity in fragments; those beyond are not written
+  SpanList list;              // spans of deferred triangles, if they all fit
+  uint64_t* clear = nullptr;  // `clear_count` elements that EmitCells or EmitBundles sets to 0 for a later kernel
   uint64_t clear_count = 0;
 };
 
-// The voxel of a bit of a grid: its index within the slab.
+// Voxel index within the slab of a bit index of the grid.
 __device__ inline uint32_t KeyOfBit(const GridView& grid, uint32_t bit) {
   const auto words = uint32_t(grid.words_per_row), nx = uint32_t(grid.dims[0]);
   if (nx == words * 32) return bit;
@@ -34,7 +35,7 @@ __device__ inline uint32_t KeyOfBit(const GridView& grid, uint32_t bit) {
   return row * nx + (bit - row * words * 32);
 }
 
-// From a voxel's bit to those of its neighbours in the next row and in the next layer.
+// Bit-index distances to the next row and to the next layer.
 struct BitSteps {
   uint32_t row, layer;
 
@@ -42,12 +43,12 @@ struct BitSteps {
       : row(uint32_t(grid.words_per_row) * 32), layer(row * uint32_t(grid.dims[1])) {}
 };
 
-// The voxels of a record: put(bit). None of what waits.
+// Calls put(bit index) for the voxels of a 2x2x2 record; none for a deferred triangle.
 template <typename Put>
 __device__ inline void ForEachOctant(const BitSteps& steps, uint64_t cell, Put&& put) {
   const uint32_t octants = OctantsOfCell(cell), first = FirstOfCell(cell);
 #pragma unroll
-  for (uint32_t pair = 0; pair < 4; ++pair) {  // without a loop over those that are set: lanes have as many
+  for (uint32_t pair = 0; pair < 4; ++pair) {  // no loop over set bits: it would diverge
     const uint32_t at = first + ((pair & 1) != 0 ? steps.row : 0) + ((pair & 2) != 0 ? steps.layer : 0);
     if ((octants >> 2 * pair & 1) != 0) put(at);
     if ((octants >> 2 * pair & 2) != 0) put(at + 1);
@@ -64,17 +65,17 @@ __device__ inline void ForEachOfBlock(const BitSteps& steps, uint64_t cell, uint
   }
 }
 
-// A block's room. Sums of warps are written and read between two barriers.
+// Shared memory of a block. Warp sums are written and read between two barriers.
 struct EmitRoom {
-  // The bit, and which of the block's triangles. Of what waits kNotHere, before which the first of a triangle has that,
-  // the others the same.
+  // Staged fragments: bit index, and triangle relative to the block's first. Placeholders of deferred triangles have
+  // kNotHere as the triangle; the first one of each has its triangle in place of the bit index, the others kNotHere.
   uint2 staged[kStagedFragments];
   uint64_t before[kChunkWarps];
   uint32_t sums[kChunkWarps];
   uint64_t long_sums[kChunkWarps];
 };
 
-// How many fragments there are in groups and chunks before this block's. All threads of the block call it.
+// Number of fragments in the chunks before this block's. All threads of the block call it.
 __device__ inline uint64_t FragmentsBefore(const FragmentCounts& counts, EmitRoom& room) {
   const uint32_t group = blockIdx.x / counts.chunks_of_group, in_group = blockIdx.x - group * counts.chunks_of_group;
   static_assert(kChunkGroups <= kChunkThreads);
@@ -87,7 +88,7 @@ __device__ inline uint64_t FragmentsBefore(const FragmentCounts& counts, EmitRoo
   return sum;
 }
 
-// The records that a thread takes at once, and the masks of blocks among them.
+// The records that a thread processes at a time, with their block masks.
 struct CellsOfThread {
   uint64_t cell[kCellsOfThread] = {}, mask[kCellsOfThread] = {};
 
@@ -95,7 +96,7 @@ struct CellsOfThread {
   __device__ uint32_t count(int i) const {
     return waits(i) ? FirstOfCell(cell[i]) : uint32_t(__popc(OctantsOfCell(cell[i])) + __popcll(mask[i]));
   }
-  // The number of all; of each, as far as `most`.
+  // Number of all fragments, with each triangle's count limited to `most`.
   __device__ uint32_t few(uint32_t most) const {
     uint32_t sum = 0;
 #pragma unroll
@@ -109,7 +110,8 @@ struct CellsOfThread {
   }
 };
 
-// Puts the fragments of a thread's records, whose first is the block's triangle `local`, from `to` on.
+// Stages the fragments of a thread's records from `to` on. `local`: the first record's triangle, relative to the
+// block's first.
 __device__ inline void StageCells(const BitSteps& steps, const CellsOfThread& of, uint32_t local, uint2* to) {
 #pragma unroll
   for (int i = 0; i < kCellsOfThread; ++i) {
@@ -122,12 +124,12 @@ __device__ inline void StageCells(const BitSteps& steps, const CellsOfThread& of
   }
 }
 
-// Writes the fragments of a thread's records, whose first is triangle `first`, from `at` on.
+// Writes the fragments of a thread's records to global memory from `at` on. `first`: the first record's triangle.
 __device__ inline void EmitCellsAt(const FragmentArgs& args, uint64_t first, const CellsOfThread& of, uint64_t at) {
   const BitSteps steps(args.grid);
   for (int i = 0; i < kCellsOfThread; ++i) {
     if (of.waits(i)) {
-      args.blocks[first + uint64_t(i)] = at;  // others write there
+      args.blocks[first + uint64_t(i)] = at;  // a later kernel writes them there
       at += FirstOfCell(of.cell[i]);
       continue;
     }
@@ -140,8 +142,8 @@ __device__ inline void EmitCellsAt(const FragmentArgs& args, uint64_t first, con
   }
 }
 
-// The fragments of a block's triangles, the thread's from `first` on, where they are too many to be staged. The number
-// of all.
+// Fallback for an iteration whose fragments exceed the staging buffer: writes them directly. Returns their number over
+// the block.
 __device__ __noinline__ inline uint64_t EmitPlainly(const FragmentArgs& args, EmitRoom& room, uint64_t first,
                                                     CellsOfThread of, uint64_t out) {
   const uint64_t mine = of.all(), upto = SumUpto(mine);
@@ -153,7 +155,8 @@ __device__ __noinline__ inline uint64_t EmitPlainly(const FragmentArgs& args, Em
   return total;
 }
 
-// The fragments of all records, a block what a block of FindCells took. May begin early.
+// Emits the fragments of all records. A block takes the chunk of a block of FindCells. Supports programmatic dependent
+// launch.
 __global__ void __launch_bounds__(kChunkThreads, 6) EmitCells(const __grid_constant__ FragmentArgs args) {
   __shared__ EmitRoom room;
   AllowNext();
@@ -183,7 +186,7 @@ __global__ void __launch_bounds__(kChunkThreads, 6) EmitCells(const __grid_const
     load(next, local + kCellsAtOnce);
     const uint32_t mine = of.few(kStagedFragments + 1), upto = SumUpto(mine);
     if (threadIdx.x % 32 == 31) room.sums[threadIdx.x / 32] = upto;
-    __syncthreads();  // what was staged before is written too
+    __syncthreads();  // the staged fragments of the previous iteration are written
     uint32_t total;
     const uint32_t before = SumOfWarps(room.sums, total) + upto - mine;
     if (total > kStagedFragments) {
@@ -201,18 +204,19 @@ __global__ void __launch_bounds__(kChunkThreads, 6) EmitCells(const __grid_const
         keys[k] = KeyOfBit(args.grid, fragment.x);
         values[k] = uint32_t(chunk) + fragment.y;
       } else if (fragment.x != kNotHere) {
-        args.blocks[chunk + fragment.x] = out + k;  // others write there
+        args.blocks[chunk + fragment.x] = out + k;  // a later kernel writes them there
       }
     }
     out += total;
   }
 }
 
-// Writers of emit_spans.cuh. All lanes call Put together; most often they have rows of one triangle.
+// The lanes of a Put call of a row writer (emit_spans.cuh). All lanes call Put together, usually with rows of one
+// triangle.
 struct LanesOfPut {
-  uint32_t count;     // of this lane
+  uint32_t count;     // all lanes with rows have the same triangle
   bool one_triangle;  // of all lanes that have any
-  int leader;         // one of those; -1: there is none
+  int leader;         // one of these lanes; -1 if there is none
 };
 __device__ inline LanesOfPut LookAtPut(uint32_t t, int x_begin, int x_end) {
   LanesOfPut put;
@@ -224,13 +228,13 @@ __device__ inline LanesOfPut LookAtPut(uint32_t t, int x_begin, int x_end) {
   return put;
 }
 
-// Adds to the records of those that wait, and to their chunks, how many fragments they have, and lists them. What a
-// warp has of a triangle it adds at once, and of one triangle time after time at the end: what takes longest is that
-// many additions go to one address.
+// A row writer that adds the fragment counts of deferred triangles to their records and chunks, and lists the spans.
+// Contention on the counters dominates, so a warp combines the counts of one triangle and adds them when the triangle
+// changes.
 class FragmentCounter {
  public:
   using Args = FragmentArgs;
-  static constexpr bool kPartsInRow = true;  // so that what it appends at a time is of one triangle
+  static constexpr bool kPartsInRow = true;  // contiguous parts, so that a warp mostly appends spans of one triangle
   __device__ FragmentCounter(const FragmentArgs& args, uint32_t number) : args_(args), list_(args.list, number) {}
   __device__ void Put(uint32_t t, uint32_t row, int x_begin, int x_end) {
     const LanesOfPut put = LookAtPut(t, x_begin, x_end);
@@ -254,13 +258,13 @@ class FragmentCounter {
  private:
   const FragmentArgs& args_;
   SpanListWriter list_;
-  uint32_t triangle_ = 0, counted_ = 0;  // alike in all lanes
+  uint32_t triangle_ = 0, counted_ = 0;  // uniform over the warp
 
   __device__ void Flush() {
     if (counted_ > 0 && threadIdx.x % 32 == 0) Add(triangle_, counted_);
     counted_ = 0;
   }
-  // Lanes of one triangle follow one another; the first of them adds what they have.
+  // Lanes of one triangle are adjacent; the first of them adds the sum.
   __device__ void AddRuns(uint32_t t, uint32_t count) const {
     const unsigned lane = threadIdx.x % 32;
     const uint32_t left = __shfl_up_sync(~0u, t, 1);
@@ -273,21 +277,21 @@ class FragmentCounter {
   __device__ void Add(uint32_t t, uint32_t count) const {
     const FragmentCounts& counts = args_.counts;
     const uint32_t chunk = t / counts.of_chunk;
-    atomicAdd(reinterpret_cast<uint32_t*>(args_.cells + t), count);  // the low half
+    atomicAdd(reinterpret_cast<uint32_t*>(args_.cells + t), count);  // the low 32 bits of the record
     atomicAdd(Counted(counts.of_block + chunk), 0ull + count);
     atomicAdd(Counted(counts.of_groups + chunk / counts.chunks_of_group), 0ull + count);
   }
 };
 
-// How many there are. All threads of a warp call it.
+// Number of all fragments. All threads of a warp call it.
 __device__ inline uint64_t AllFragments(const FragmentCounts& counts) {
   uint64_t all = 0;
   for (uint32_t g = threadIdx.x % 32; g < uint32_t(kChunkGroups); g += 32) all += counts.of_groups[g];
   return WarpSum(all);
 }
 
-// Reserves room for the fragments of listed spans, `length` of each lane's triangle t, by warps: where they go. All
-// threads of a warp call it.
+// Reserves output for `length` fragments of each lane's triangle t, with one atomic per warp if possible. Returns the
+// position. All threads of a warp call it.
 __device__ inline uint64_t ReserveByWarps(const FragmentArgs& args, uint32_t t, uint32_t length) {
   const auto reserve = [&](uint32_t count) {
     return atomicAdd(reinterpret_cast<unsigned long long*>(args.blocks + t), 0ull + count);
@@ -305,14 +309,15 @@ __device__ inline uint64_t ReserveByWarps(const FragmentArgs& args, uint32_t t, 
 inline constexpr uint32_t kListedOfThread =
     2;  // so that a block takes as many as a warp appends at a time, and most often just those
 
-// A block's room.
+// Shared memory of a block.
 struct ListedRoom {
   uint32_t sums[kListedOfThread][kChunkWarps], least[kChunkWarps], largest[kChunkWarps];
   unsigned long long at;
 };
 
-// The listed spans to fragments, where there is room for all of both. Most often all that a block takes are of one
-// triangle: what takes longest is that many additions go to one address, so there it makes one. May begin early.
+// Converts listed spans to fragments, unless the spans or the fragments overflowed. A block's spans usually belong to
+// one triangle, and contention on its counter dominates, so then the block reserves output with a single atomic.
+// Supports programmatic dependent launch.
 __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constant__ FragmentArgs args) {
   constexpr uint32_t kSpans = kChunkThreads * kListedOfThread;
   static_assert(kSpans == kSpansOfPiece);
@@ -374,11 +379,11 @@ __global__ void __launch_bounds__(kChunkThreads) EmitListed(const __grid_constan
         if (there) args.keys[to] = of, args.values[to] = t;
       });
     }
-    __syncthreads();  // the room is free again
+    __syncthreads();  // the shared memory is free
   }
 }
 
-// Writes them where EmitCells, or EmitBundles, says.
+// A row writer that stores fragments at the positions reserved by EmitCells or EmitBundles.
 class FragmentWriter {
  public:
   using Args = FragmentArgs;

@@ -10,10 +10,9 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// How many voxels a triangle of the mesh touches under conservative coverage, on the average, by a sample. Wherever it
-// lies, it is as many, on the average, as the volume that a box of a voxel sweeps when its centre goes all over the
-// triangle: 1, and the lengths of the triangle's projections on the axes, and the areas of those on the planes between
-// them.
+// Estimates the average number of voxels that a triangle touches under conservative coverage, from a sample. For a
+// random position this is the volume of the Minkowski sum of the triangle and a voxel: 1, plus the lengths of the
+// triangle's projections onto the axes, plus the areas of its projections onto the coordinate planes.
 double VoxelsOfTriangle(const RunState& state) {
   constexpr uint64_t kSamples = 128;
   const TriangleMesh& mesh = state.host.mesh;
@@ -51,15 +50,15 @@ std::optional<BundlePlan> PlanBundles(RunState& state) {
   if (triangles > kMaxSpanTriangles) return std::nullopt;
   if (ShadesFragments(state.request) || !state.targets.any_always_present || IsScattered(state)) return std::nullopt;
   plan.code.followers = std::min(32 - plan.code.id_bits, BundleCode::kMaxFollowers);
-  // Measured: of spheres of 2 to 8 voxels a triangle some 0.7 bundles for each voxel but for the first 1.6.
+  // Measured on spheres with 2 to 8 voxels per triangle: about 0.7 groups per voxel beyond the first 1.6.
   constexpr double kMaxVoxels = 12, kShared = 1.6, kBundles = .7, kLeast = .25;
   const double voxels = VoxelsOfTriangle(state), bundles = std::max(kLeast, kBundles * (voxels - kShared));
-  // What fits into the cache is sorted in less time than the host takes to learn how many bundles there are.
+  // Fragments that fit in the L2 cache are sorted in less time than the host needs to read the number of groups.
   if (!(voxels <= kMaxVoxels) || !ExceedsCache(state.device, uint64_t(voxels * double(triangles)) * sizeof(uint32_t))) {
     return std::nullopt;
   }
-  // The rest of the room is for fragments that are not yet bundled, and for places with more. More rounds gained
-  // nothing.
+  // The rest of the shared memory holds fragments that are not grouped yet, and allows for denser regions. More
+  // iterations gained nothing.
   constexpr double kFilled = .65 * kBundleRoom, kMaxRounds = 4;
   plan.rounds = uint32_t(std::clamp(kFilled / (bundles * kBundledTriangles), 1., kMaxRounds));
   return plan;

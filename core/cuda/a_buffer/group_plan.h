@@ -1,4 +1,4 @@
-// Whether and how an A-buffer's fragments are bundled (fragment_group.h). It is a matter of speed alone.
+// Decides whether and how an A-buffer's fragments are grouped (fragment_group.h). Affects speed only.
 #pragma once
 
 #include <optional>
@@ -8,8 +8,8 @@
 
 namespace voxelpipe::cuda {
 
-// None where fragments are wanted by themselves before the end, or neighbouring triangles have few voxels in common: in
-// meshes in no order, or of large triangles. Nor where the cache holds the mesh's fragments.
+// nullopt if fragments are shaded or may be discarded, if neighbouring triangles share few voxels (unordered meshes,
+// large triangles), or if the L2 cache holds all fragments.
 std::optional<BundlePlan> PlanBundles(RunState& state);
 
 }  // namespace voxelpipe::cuda

@@ -1,4 +1,4 @@
-// Sorted fragments become buckets: the launchers of resolve.cu.
+// Launches the kernels that convert sorted fragments to buckets (resolve.cu).
 #pragma once
 
 #include "cuda/device/buffer.h"
@@ -6,14 +6,14 @@
 
 namespace voxelpipe::cuda {
 
-// Fills keys.first; the last element becomes the number of voxels, for which ListBuckets wants room.
-// There are fragments.
+// Fills keys.first; its last element receives the number of voxels, the output size of ListBuckets. There must be
+// fragments.
 absl::Status CountBuckets(const SortedKeys& keys, cudaStream_t stream);
-// Both in one, which reads the keys once. keys.first is 0 everywhere, and what it becomes is no other's.
+// Counts and lists in one pass over the keys. keys.first must be 0 everywhere; its contents afterwards are internal.
 absl::Status CountAndListBuckets(const BucketArgs<uint64_t>& args, cudaStream_t stream);
-// Buckets of bundles, and their fragments, which are read once. keys.first as above.
+// Makes the buckets of groups and unpacks their fragments in one pass. keys.first as above.
 absl::Status UnpackIntoBuckets(const BundleArgs& args, cudaStream_t stream);
-// Voxels and where their fragments begin; behind the last one's stands the number of all fragments.
+// Lists voxels and the offsets of their fragments, followed by the number of all fragments.
 absl::Status ListBuckets(const BucketArgs<uint32_t>& args, cudaStream_t stream);
 
 }  // namespace voxelpipe::cuda

@@ -1,4 +1,4 @@
-// Runs of equal voxels among sorted fragments become buckets. No host-only includes.
+// Kernels that convert runs of equal voxels among sorted fragments to buckets. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/decoupled_look_back.cuh"
@@ -8,7 +8,7 @@
 
 namespace voxelpipe::cuda {
 
-// An exclusive scan in place, by one block; sums[count] becomes the total.
+// In-place exclusive scan by a single block; sums[count] receives the total.
 inline constexpr int kScanThreads = 1024, kScannedOfThread = 8;
 __global__ void __launch_bounds__(kScanThreads) ScanChunks(uint64_t* sums, uint64_t count) {
   __shared__ uint64_t of_warps[kScanThreads / 32];
@@ -39,7 +39,7 @@ __global__ void __launch_bounds__(kScanThreads) ScanChunks(uint64_t* sums, uint6
   if (threadIdx.x == 0) sums[count] = before;
 }
 
-// Which of a thread's keys begin a voxel: bit i is that of key i.
+// Finds which of a thread's keys start a new voxel: bit i is set for key i.
 __device__ inline uint32_t FindHeads(const SortedKeys& args, uint64_t begin, uint32_t (&key)[kKeysOfThread]) {
   if (begin >= args.fragments) return 0;
   const auto here = uint32_t(min(args.fragments - begin, uint64_t{kKeysOfThread}));
@@ -60,7 +60,7 @@ __device__ inline uint32_t FindHeads(const SortedKeys& args, uint64_t begin, uin
   return heads & (here == uint32_t(kKeysOfThread) ? ~0u : (1u << here) - 1);
 }
 
-// first[chunk] becomes the number of voxels that begin there.
+// first[chunk] receives the number of voxels that start in the chunk.
 __global__ void __launch_bounds__(kBucketThreads) CountHeads(const __grid_constant__ SortedKeys args) {
   __shared__ uint32_t sums[kBucketThreads / 32];
   uint32_t key[kKeysOfThread];
@@ -73,8 +73,8 @@ __global__ void __launch_bounds__(kBucketThreads) CountHeads(const __grid_consta
   args.first[blockIdx.x] = sum;
 }
 
-// Voxels and the offsets of their fragments; after the last voxel stands the number of all fragments. kCounts: nothing
-// is counted before.
+// Writes voxels and the offsets of their fragments, followed by the number of all fragments. kCounts: single pass, with
+// decoupled look-back instead of counts made before.
 template <bool kCounts, typename Index>
 __global__ void __launch_bounds__(kBucketThreads, 4) WriteBuckets(const __grid_constant__ BucketArgs<Index> args) {
   __shared__ uint32_t sums[kBucketThreads / 32];

@@ -1,4 +1,4 @@
-// Sorted bundles (fragment_group.h) become buckets and the fragments in them. No host-only includes.
+// Converts sorted fragment groups (fragment_group.h) to buckets and their fragments. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/decoupled_look_back.cuh"
@@ -8,25 +8,25 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr int kUnpackBlocks = 4;  // on a multiprocessor at once
-// Fragments of a warp's bundles that it brings together before it knows where they go.
+inline constexpr int kUnpackBlocks = 4;  // resident blocks per multiprocessor
+// Capacity in fragments of a warp's staging buffer, filled before the output position is known.
 inline constexpr uint32_t kUnpackedOfWarp = 1344;
-// A number of voxels and one of fragments in one word, as many units of the first: of a block, and of all.
+// Units that pack a number of voxels and a number of fragments into one word: within a block, and globally.
 inline constexpr uint32_t kVoxelUnit = 1 << 16;
 inline constexpr uint64_t kWideVoxelUnit = uint64_t{1} << 31;
 static_assert(kBundlesOfChunk * (1 + BundleCode::kMaxFollowers) < kVoxelUnit && kMaxBundledFragments < kWideVoxelUnit);
 
-// A thread's bundles: those of a warp follow one another, in groups of 32, a lane each.
+// The groups of a thread. Those of a warp are contiguous, in rows of 32 with one per lane.
 struct BundlesOfThread {
   static constexpr uint32_t kOfWarp = 32 * kBundlesOfThread;
 
   uint32_t key[kBundlesOfThread], code[kBundlesOfThread];
-  uint32_t before[kBundlesOfThread];  // voxels that begin before the bundle, and fragments, of the warp's
+  uint32_t before[kBundlesOfThread];  // packed counts of voxels and fragments before the group, within the warp
   uint32_t all = 0;                   // of the warp
-  uint32_t heads = 0;                 // which of them begin a voxel
-  uint32_t here = 0;                  // how many there are
+  uint32_t heads = 0;                 // bit mask: groups that start a new voxel
+  uint32_t here = 0;                  // number of valid groups
 
-  // Of a warp whose first one is `first`.
+  // For the warp whose first group is `first`.
   __device__ BundlesOfThread(const BundleArgs& args, uint64_t first) {
     const unsigned lane = threadIdx.x % 32;
     const uint32_t of_warp = first < args.bundles ? uint32_t(min(args.bundles - first, uint64_t{kOfWarp})) : 0;
@@ -57,11 +57,11 @@ struct BundlesOfThread {
   __device__ uint32_t first_fragment(int i) const {
     return before[i] % kVoxelUnit;
   }
-  // Of the group behind the i-th; the same in all lanes, which call it together.
+  // First fragment of row i + 1; uniform. All lanes call it.
   __device__ uint32_t next_group(int i) const {
     return i + 1 < kBundlesOfThread ? __shfl_sync(~0u, first_fragment(i + 1), 0) : all % kVoxelUnit;
   }
-  // The triangles of the fragments in bundle i.
+  // Writes the triangles of the fragments in group i.
   __device__ void Unpack(const BundleCode& how, int i, uint32_t* to) const {
     if (!has(i)) return;
     const uint32_t id = how.Triangle(code[i]);
@@ -74,8 +74,7 @@ __device__ inline void CopyFragments(const uint32_t* from, uint32_t count, uint3
   for (uint32_t k = threadIdx.x % 32; k < count; k += 32) to[k] = from[k];
 }
 
-// Voxels, the offsets of their fragments, and the fragments' triangles, all in order; after the last voxel stands the
-// number of all fragments.
+// Writes voxels, offsets and triangles of fragments, all in order, followed by the number of all fragments.
 __global__ void __launch_bounds__(kBundleThreads, kUnpackBlocks)
     UnpackBundles(const __grid_constant__ BundleArgs args) {
   constexpr unsigned kWarps = kBundleThreads / 32;
