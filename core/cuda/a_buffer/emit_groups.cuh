@@ -32,7 +32,7 @@ __device__ inline uint32_t BundleGroup(const BundleCode& code, bool waits, uint2
     waiting = __ballot_sync(~0u, fragment.y == kNotHere);
   }
   const int first = __ffs(int(__match_any_sync(~0u, voxel))) - 1;
-  const uint32_t after = fragment.y - __shfl_sync(~0u, fragment.y, first);  // 0 where it is the first itself
+  const uint32_t after = fragment.y - __shfl_sync(~0u, fragment.y, first);  // 0 for the first fragment
   bool follows = after - 1 < code.followers;
   if (waits) follows = follows && (waiting & below) >> first == 0;
   const uint32_t heads = __ballot_sync(~0u, has && !follows);
@@ -96,8 +96,8 @@ __device__ __noinline__ inline void WritePlainly(const EmitBundleArgs& args, Bun
   }
 }
 
-// Brings a warp's bundles into its room: the bits of their voxels, and codes of which the triangle counts from the
-// warp's first. Their number; kNotHere where there is no room for them.
+// Groups a warp's fragments in its shared memory: bit indices of voxels, and codes with triangles relative to the
+// warp's first. Returns the number of groups; kNotHere if they do not fit.
 __device__ inline uint32_t BundleWarp(const EmitBundleArgs& args, const BundledTriangles& triangles,
                                       uint2 (&room)[kBundleRoom]) {
   const unsigned lane = threadIdx.x % 32;

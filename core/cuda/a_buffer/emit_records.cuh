@@ -307,7 +307,7 @@ __device__ inline uint64_t ReserveByWarps(const FragmentArgs& args, uint32_t t, 
 }
 
 inline constexpr uint32_t kListedOfThread =
-    2;  // so that a block takes as many as a warp appends at a time, and most often just those
+    2;  // so a block takes kSpansOfPiece spans: a chunk that one warp appended, usually of one triangle
 
 // Shared memory of a block.
 struct ListedRoom {

@@ -1,7 +1,7 @@
-// Plain bits of grids larger than the L2 cache: words are set in bricks of 32x8x8 voxels that are given out while
-// triangles are drawn (brick_allocator.cuh), and which the cache holds. Then all words of the grid are written once, in
-// order. An atomic on a word outside of the cache brings its sector from memory, though it has just been cleared. No
-// host-only includes.
+// Occupancy bits in grids larger than the L2 cache: bits are set in bricks of 32x8x8 voxels, which are allocated on
+// demand (brick_allocator.cuh) and fit in the cache. Then every word of the grid is written once, in order. Otherwise
+// each atomic on an uncached word would read its sector from memory, although it was just cleared. No host-only
+// includes.
 #pragma once
 
 #include "cuda/primitives/brick_allocator.cuh"
@@ -9,12 +9,12 @@
 
 namespace voxelpipe::cuda {
 
-// Sets rows of a grid's slab in bricks. A brick's word y + 8*z has the 32 voxels of that row.
+// Sets rows of the slab in bricks. Word y + 8*z of a brick has the 32 voxels of that row.
 class PoolRows {
  public:
   __device__ explicit PoolRows(const BitArgs& args) : args_(args) {}
 
-  // The voxels of a mask that are to be set in word x of a row, and in the next one.
+  // Sets the voxels of a mask: its low half in word `word` of a row, its high half in the next word.
   __device__ void SetMask(int word, int y, int z, uint64_t mask) {
     z -= int(args_.grid.slab_begin);
     const BitPool& pool = args_.pool;
@@ -29,11 +29,11 @@ class PoolRows {
     }
     if (uint32_t(mask >> 32) != 0) ReduceOr(WordsOf(brick + 1) + row, uint32_t(mask >> 32));
   }
-  // At most kMaxCells voxels of a row.
+  // Sets at most kMaxCells voxels of a row.
   __device__ void SetFew(int y, int z, int x_begin, int x_end) {
     SetMask(x_begin >> 5, y, z, uint64_t{(1u << (x_end - x_begin)) - 1} << (x_begin & 31));
   }
-  // Octants about a corner that are in the grid.
+  // Sets the voxels of a 2x2x2 mask that is clipped to the grid.
   __device__ void SetOctants(const int (&first)[3], uint32_t octants) {
     ForEachPair(first, octants, [&](int word, int y, int z, uint64_t mask) { SetMask(word, y, z, mask); });
   }
@@ -45,17 +45,18 @@ class PoolRows {
 
   __device__ uint32_t* WordsOf(uint32_t brick) const {
     uint32_t place = __ldca(args_.pool.places + brick);
-    if (!IsPlace(place)) place = LoadAcquire(args_.pool.places + brick);  // given since this multiprocessor read it
+    // another multiprocessor may have allocated it since
+    if (!IsPlace(place)) place = LoadAcquire(args_.pool.places + brick);
     if (!IsPlace(place)) place = TakePlace(args_.pool, brick);
     return args_.pool.WordsOf(place - kFirstPlace);
   }
 };
 
-inline constexpr uint32_t kPartWords = 64, kPartRows = 8;  // of a part of a layer: words along x, rows
+inline constexpr uint32_t kPartWords = 64, kPartRows = 8;  // tile of a layer that a warp stores: words along x, rows
 
-// A part of a layer, by number: parts that follow one another lie together.
+// A tile by its number; consecutive tiles are adjacent in memory.
 struct PoolPart {
-  uint32_t x, y, z;  // z counted in layers, the others in parts
+  uint32_t x, y, z;  // z in layers, x and y in tiles
 
   __device__ PoolPart(const BitArgs& args, uint32_t number) {
     const uint32_t along_x = (args.pool.dims_x + kPartWords - 1) / kPartWords, yz = number / along_x;
@@ -69,15 +70,16 @@ inline uint64_t PartsOf(const BitArgs& args) {
   return along_x * args.pool.dims_y * uint64_t(args.grid.slab_end - args.grid.slab_begin);
 }
 
-// A part's words on their way from bricks to rows.
+// Shared memory to transpose a tile's words from bricks to rows.
 struct PartRoom {
   alignas(16) uint32_t words[kPartRows * kPartWords];
 };
 
-// Writes a part of the grid, what bricks have or zeros, by a warp. kQuads: rows are whole units of 16 bytes.
+// Writes a tile of the grid, from bricks or zeros where none is allocated, by one warp. kQuads: rows are a multiple of
+// 16 bytes.
 template <bool kQuads>
 __device__ inline void StorePart(const BitArgs& args, const PoolPart& part, PartRoom& room) {
-  constexpr uint32_t kBricks = kPartWords / 32;  // of a lane
+  constexpr uint32_t kBricks = kPartWords / 32;  // per lane
   const BitPool& pool = args.pool;
   const uint32_t lane = threadIdx.x % 32, ny = uint32_t(args.grid.dims[1]), first = part.x * kPartWords;
   const uint32_t words = min(kPartWords, pool.dims_x - first), rows = min(kPartRows, ny - part.y * kPartRows);
@@ -87,7 +89,7 @@ __device__ inline void StorePart(const BitArgs& args, const PoolPart& part, Part
   bool mine = false;
 #pragma unroll
   for (uint32_t i = 0; i < kBricks; ++i) {
-    // What this multiprocessor's own cache has of them may be from before they were given.
+    // Bypasses the L1 cache, whose entries may be older than the allocation.
     places[i] = lane + i * 32 < words ? __ldcg(from + lane + i * 32) : kNoPlace;
     mine = mine || IsPlace(places[i]);
   }
@@ -95,7 +97,7 @@ __device__ inline void StorePart(const BitArgs& args, const PoolPart& part, Part
   if (any || !kQuads) {
 #pragma unroll
     for (uint32_t i = 0; i < kBricks; ++i) {
-      uint4 near{}, far{};  // rows 0 to 3 of the brick's layer, and 4 to 7
+      uint4 near{}, far{};  // rows 0 to 3 and 4 to 7 of the brick's layer
       if (IsPlace(places[i])) {
         const auto* const layer =
             reinterpret_cast<const uint4*>(pool.WordsOf(places[i] - kFirstPlace) + part.z % 8 * 8);

@@ -1,5 +1,5 @@
-// How small triangles set their voxels in the words of a bit grid: those about a corner, a lane's or a warp's together,
-// and rows of a box. No host-only includes.
+// Writes the voxels of small triangles to the words of a bit grid: 2x2x2 masks, by a lane or combined over a warp, and
+// rows within a box. No host-only includes.
 #pragma once
 
 #include "cuda/traversal/raster_args.cuh"
@@ -7,7 +7,7 @@
 
 namespace voxelpipe::cuda {
 
-// Octants about the inner corner of a box that begins at `first`, without those outside of the grid.
+// Clips the 2x2x2 mask of a box that starts at voxel `first` to the grid.
 __device__ inline uint32_t ClipOctants(const BitArgs& args, const int (&first)[3], uint32_t octants) {
   const int nx = int(args.grid.dims[0]), ny = int(args.grid.dims[1]);
   const int z_begin = int(args.grid.slab_begin), z_end = int(args.grid.slab_end);
@@ -20,7 +20,7 @@ __device__ inline uint32_t ClipOctants(const BitArgs& args, const int (&first)[3
   return octants;
 }
 
-// The octants' voxels about the inner corner of a box that begins at `first`; those outside of the grid are left out.
+// Sets the voxels of a 2x2x2 mask of a box that starts at voxel `first`, clipped to the grid.
 __device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], uint32_t octants) {
   const int ny = int(args.grid.dims[1]), z_begin = int(args.grid.slab_begin);
   octants = ClipOctants(args, first, octants);
@@ -44,20 +44,20 @@ __device__ inline void SetOctants(const BitArgs& args, const int (&first)[3], ui
   }
 }
 
-// The grid's words about a box of voxels: rows are found by few steps.
+// Addresses the grid's words near a box of voxels with few operations per row.
 class NearWords {
  public:
-  // `begin`: the box's first voxel in the grid; along x, where it may lie outside, the box begins at `first`.
+  // `begin`: the box's first voxel within the grid. Along x the unclipped box starts at `first`.
   __device__ NearWords(const BitArgs& args, const int (&begin)[3], int first)
       : first_(args.bits + args.grid.Word(begin[0], begin[1], begin[2])),
         shift_((begin[0] & 31) - (begin[0] - first)),
         row_(uint32_t(args.grid.words_per_row)),
         layer_(row_ * uint32_t(args.grid.dims[1])) {}
-  // As VisitCells has it, at most kMaxCells voxels.
+  // Interface of VisitCells, for at most kMaxCells voxels per row.
   __device__ void Layer(int z) {
     layer_begins_ = first_ + uint64_t{uint32_t(z)} * layer_;
 #if defined(__CUDA_ARCH__)
-    asm volatile("" : "+l"(layer_begins_));  // kept: it would be computed again for each row
+    asm volatile("" : "+l"(layer_begins_));  // prevents recomputation for each row
 #endif
   }
   __device__ void Row(int y, int x, int count) const {
@@ -75,11 +75,12 @@ class NearWords {
   uint32_t* layer_begins_ = nullptr;
 };
 
-// The octants of all lanes, those together that neighbours in a mesh have about one corner: atomics are what takes
-// longest. Those of a lane whose octants another has come to none. All threads of a warp call it.
+// Combines the 2x2x2 masks of adjacent lanes with the same first voxel, to save atomics, which dominate. The mask of a
+// lane that another lane takes over becomes 0. All threads of a warp call it.
 __device__ inline uint32_t Together(const int (&first)[3], uint32_t octants) {
   const unsigned lane = threadIdx.x % 32;
-  const uint32_t xy = (uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16;  // fixed-point cells have 16 bits
+  // fixed-point voxel coordinates have 16 bits
+  const uint32_t xy = (uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16;
   const bool other_xy = __shfl_up_sync(~0u, xy, 1) != xy, other_z = __shfl_up_sync(~0u, first[2], 1) != first[2];
   const bool is_head = lane == 0 || other_xy || other_z;
   const unsigned heads = __ballot_sync(~0u, is_head);

@@ -1,8 +1,8 @@
-// Corners of triangles from memory: what is known of them before they are needed, and their places in fixed point.
+// Loads vertex indices of triangles with prefetching, and vertices in fixed point.
 //
-// A thread asks for the corners of its next triangle while it works at the one before, and takes them from shared
-// memory: a register that a load fills so early is waited for at once where registers are short and it has to be put
-// away. No host-only includes.
+// A thread requests the vertex indices of its next triangle while it processes the current one, by an asynchronous copy
+// to shared memory. A load to a register would stall at once if registers are short, because the register has to be
+// spilled. No host-only includes.
 #pragma once
 
 #include "cuda/traversal/raster_args.cuh"
@@ -13,8 +13,8 @@ struct FixedCorners {
   int at[3][3];
 };
 
-// What of a triangle comes from memory first: the numbers of its corners. Packed corners, which would take more room
-// than there is, are only asked to come nearer, by StageCorners.
+// The first data loaded of a triangle: its vertex indices. Packed corners would take too much space, so StageCorners
+// only prefetches them to the cache.
 template <bool kPacked>
 struct Fetched {
   Corners corners;
@@ -32,12 +32,12 @@ __device__ inline Fetched<kPacked> FetchNow(const BitArgs& args, uint32_t t) {
   }
 }
 
-// The numbers of a warp's corners on their way, in shared memory: each lane's are its own.
+// Vertex indices in flight for a warp, in shared memory; each lane has its own.
 struct StagedCorners {
   uint32_t v[3 * 32];
 };
 
-// *to = *from when AwaitCopies returns; `to` in shared memory. Of 4 or 8 bytes.
+// Asynchronous copy of 4 or 8 bytes to shared memory; complete when AwaitCopies returns.
 template <typename T>
 __device__ inline void CopyLater(T* to, const T* from) {
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
@@ -54,14 +54,14 @@ __device__ inline void AwaitCopies() {
 #endif
 }
 
-// Has the L2 cache fetch the numbers of a triangle's corners, which nobody reads who reads packed ones.
+// Prefetches a triangle's vertex indices to the L2 cache. Unused with packed corners.
 __device__ inline void PrefetchCorners([[maybe_unused]] const BitArgs& args, [[maybe_unused]] uint32_t t) {
 #if defined(__CUDA_ARCH__)
   asm volatile("prefetch.global.L2 [%0];" ::"l"(args.triangles + 3 * uint64_t{t}));
 #endif
 }
 
-// Asks for the corners of triangle t.
+// Requests the corners of triangle t.
 template <bool kPacked>
 __device__ inline void StageCorners(const BitArgs& args, uint32_t t, StagedCorners& staged) {
   if constexpr (kPacked) {
@@ -75,7 +75,7 @@ __device__ inline void StageCorners(const BitArgs& args, uint32_t t, StagedCorne
   }
 }
 
-// What StageCorners asked for last, of triangle t; of no meaning where it did not.
+// Takes what the last StageCorners requested, for triangle t. Undefined without a request.
 template <bool kPacked>
 __device__ inline Fetched<kPacked> TakeStaged(uint32_t t, const StagedCorners& staged) {
   if constexpr (kPacked) {

@@ -1,13 +1,12 @@
-// Positions of triangles' corners that come to shared memory a round before they are needed: for that the numbers of
-// corners come two rounds before. In a kernel that works long at each triangle and has room for them. No host-only
-// includes.
+// Prefetches vertex positions to shared memory one iteration ahead, and vertex indices two iterations ahead. For
+// kernels with much work per triangle and enough shared memory. No host-only includes.
 #pragma once
 
 #include "cuda/traversal/corner_fetch.cuh"
 
 namespace voxelpipe::cuda {
 
-// The corners of a triangle in world space.
+// A triangle's corners in world space.
 struct WorldCorners {
   Vec3d at[3];
 };
@@ -21,8 +20,8 @@ __device__ inline FixedCorners FixedOf(const BitArgs& args, const WorldCorners& 
   return v;
 }
 
-// Each lane's, of a warp, on their way: the positions of its next triangle's corners, and the numbers of those and of
-// the triangle's after that.
+// In flight for a warp, per lane: the positions of the next triangle's vertices, and the vertex indices of the next
+// triangle and of the one after it.
 struct PositionsAhead {
   double of[9][32];
 };
@@ -30,8 +29,8 @@ struct CornersAhead {
   uint32_t of[32][3];
 };
 
-// What a lane asks for a round ahead, of triangles kStep apart; of those alone that come before `end`, which is below
-// 2^32 by twice as much.
+// The software pipeline of a lane whose triangles are kStep apart. Requests only triangles below `end`, which is below
+// 2^32 by at least 2 * kStep.
 template <uint32_t kStep>
 struct WalkAhead {
   const BitArgs& walk;
@@ -39,14 +38,14 @@ struct WalkAhead {
   CornersAhead& corners;
   uint32_t end;
 
-  // Before the first Take, which takes triangle t.
+  // Call before the first Take, which takes triangle t.
   __device__ void Begin(uint32_t t) const {
     AskCorners(t);
     AwaitCopies();
     AskPositions(t);
     AskCorners(t + kStep);
   }
-  // The corners of triangle t, of no meaning where there is none, and asks for others.
+  // Returns the corners of triangle t (undefined past `end`) and requests the next ones.
   __device__ WorldCorners Take(uint32_t t) const {
     AwaitCopies();
     WorldCorners taken;
@@ -59,17 +58,17 @@ struct WalkAhead {
   }
 
  private:
-  // The numbers of a triangle's corners, when those that stand there have been read.
+  // Requests a triangle's vertex indices, after the previous ones have been read.
   __device__ void AskCorners(uint32_t t) const {
     if (t >= end) return;
     const uint32_t* const from = walk.triangles + 3 * uint64_t{t};
     for (int c = 0; c < 3; ++c) CopyLater(corners.of[threadIdx.x % 32] + c, from + c);
   }
-  // The positions of the corners whose numbers stand there.
+  // Requests the positions of the vertices whose indices have arrived.
   __device__ void AskPositions(uint32_t t) const {
     if (t >= end) return;
     const uint32_t(&numbers)[3] = corners.of[threadIdx.x % 32];
-    // All before anything is asked for: in between it takes longer.
+    // Reads all indices before the first request: interleaving is slower.
     const uint32_t v[3] = {numbers[0], numbers[1], numbers[2]};
     for (int c = 0; c < 3; ++c) {
       const double* const from = &walk.positions[v[c]].x;

@@ -12,23 +12,24 @@ namespace voxelpipe::cuda {
 namespace {
 
 constexpr int kThreads = 256;
-constexpr uint64_t kHead = 2560;   // bytes before the packed corners, for the largest triangles
-constexpr double kLargeShare = 8;  // a triangle is large that reaches over such a part of the mesh's box along an axis
+constexpr uint64_t kHead = 2560;  // bytes before the packed corners, for LargestTriangles
+// A triangle is large if its extent along an axis is at least 1/kLargeShare of the mesh's box.
+constexpr double kLargeShare = 8;
 static_assert(sizeof(LargestTriangles) <= kHead);
 
 struct PackArgs {
   const Vec3d* positions = nullptr;
   const uint32_t* triangles = nullptr;
   uint64_t triangle_count = 0;
-  Vec3d least, part, large;  // of the box: its corner, a part, and from where on a triangle is large
+  Vec3d least, part, large;  // minimum corner of the box, quantization step, and extent of a large triangle
   PackedVertex* packed = nullptr;
-  LargestTriangles* largest = nullptr;  // none yet
+  LargestTriangles* largest = nullptr;  // empty at first
   uint32_t *keys = nullptr, *numbers = nullptr;
 };
 
-constexpr int kMortonBits = 10;  // of an axis
+constexpr int kMortonBits = 10;  // per axis
 
-// Bit i of ten becomes bit 3i.
+// Inserts two zero bits between the ten bits of v.
 __device__ inline uint32_t SpreadBits(uint32_t v) {
   v = (v | v << 16) & 0x030000ffu;
   v = (v | v << 8) & 0x0300f00fu;
@@ -58,7 +59,8 @@ __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant_
     for (int a = 0; a < 3; ++a) {
       large = large || Max(p[a], Max(q[a], r[a])) - Min(p[a], Min(q[a], r[a])) >= args.large[a];
     }
-    // Nobody asks how many more there are, and answers of one counter take long where they are many.
+    // The exact count beyond the capacity is not needed, and returning atomics on one counter are slow under
+    // contention.
     if (!large || __ldcg(&args.largest->count) >= kMaxApart) continue;
     const uint32_t at = atomicAdd(&args.largest->count, 1u);
     if (at >= kMaxApart) continue;
@@ -67,7 +69,7 @@ __global__ void __launch_bounds__(kThreads) PackScattered(const __grid_constant_
   }
 }
 
-// Corner i of the triangles in the order of `numbers`. A thread a corner.
+// Copies the corners of triangles in the order of `numbers`. One thread per corner.
 __global__ void __launch_bounds__(kThreads)
     PlaceScattered(const PackedVertex* packed, const uint32_t* numbers, uint64_t corners, PackedVertex* placed) {
   for (uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x; i < corners; i += uint64_t(gridDim.x) * kThreads) {
@@ -75,7 +77,7 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-// In: room for the head and the corners of all triangles, twice.
+// `room`: memory for the head and two copies of all corners.
 absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   const MeshView& mesh = state.mesh.host_view;
   PackArgs args;
@@ -105,7 +107,7 @@ absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   return absl::OkStatus();
 }
 
-// The packed mesh, kept where the mesh and its positions are; null without memory for it.
+// The packed mesh, cached with the mesh if its positions are; null if memory is short.
 const uint8_t* MakePacked(RunState& state, const Vec3d& extent) {
   const uint64_t bytes = kHead + 2 * 3 * state.mesh.host_view.triangle_count * sizeof(PackedVertex);
   const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);

@@ -1,6 +1,6 @@
-// The bit grid that triangles are drawn in straight from world space: what its kernels share (small_triangles.cuh,
-// shared_setup.cuh, large_triangles.cuh, block_bins.cuh, block_raster.cuh), how rows of voxels are set, and vertices in index
-// space. No host-only includes.
+// Shared by the kernels that rasterize occupancy bits directly from world space (small_triangles.cuh, shared_setup.cuh,
+// large_triangles.cuh, block_bins.cuh, block_raster.cuh): their arguments, writing rows of voxels, and transforming
+// vertices to index space. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/atomics.cuh"
@@ -9,10 +9,10 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr uint32_t kMaxApart = 30;  // of a warp's lanes, within 48 KiB of shared memory
+inline constexpr uint32_t kMaxApart = 30;  // limited by a warp's lanes and by 48 KiB of shared memory
 
-// The few largest triangles of a mesh, in no order, with their corners in world space. `count` may be more than are
-// listed.
+// The few largest triangles of a mesh, unordered, with world-space corners. `count` may exceed the number of listed
+// ones.
 struct LargestTriangles {
   uint32_t count;
   uint32_t triangles[kMaxApart];
@@ -21,13 +21,13 @@ struct LargestTriangles {
   __device__ uint32_t listed() const { return min(count, kMaxApart); }
 };
 
-// Bricks of 32x8x8 voxels that are given out while triangles are drawn (bit_bricks.cuh).
+// Pool of bricks of 32x8x8 voxels that are allocated during rasterization (bit_bricks.cuh).
 struct BitPool {
   static constexpr uint32_t kWordsOfPlace = 64;
-  uint32_t* places = nullptr;  // of all bricks of the slab, x first; or null
-  uint32_t* words = nullptr;   // kWordsOfPlace a place
-  uint64_t* asked = nullptr;   // counter: bricks that wanted a place
-  uint64_t quads = 0;          // of places, to clear
+  uint32_t* places = nullptr;  // slot table of all bricks of the slab, x fastest; or null
+  uint32_t* words = nullptr;   // kWordsOfPlace per slot
+  uint64_t* asked = nullptr;   // counter: bricks that asked for a slot
+  uint64_t quads = 0;          // 16-byte units of `places` to clear
   uint32_t dims_x = 1, dims_y = 1;
 
   __device__ uint32_t* WordsOf(uint64_t place) const { return words + place * kWordsOfPlace; }
@@ -35,29 +35,30 @@ struct BitPool {
 };
 
 struct BitArgs {
-  GridView grid;  // rows outside its slab are left out
+  GridView grid;  // rows outside its slab are skipped
   uint32_t* bits = nullptr;
-  uint64_t quads = 0;           // 16-byte units to clear
-  uint32_t clear_blocks = 0;    // of the walk's kernel, which clear the grid and the queues; 0: earlier kernels do
-  uint32_t* cleared = nullptr;  // how many of them are done; 0 before and after
+  uint64_t quads = 0;  // 16-byte units to clear
+  // leading blocks of the rasterization kernel that clear the grid and the queues; 0: earlier kernels do
+  uint32_t clear_blocks = 0;
+  uint32_t* cleared = nullptr;  // number of those that are done; 0 before and after
   Coverage coverage{};
   FixedPlace fixed;
   Vec3d inverse_size;  // 1 / grid.space.voxel_size, rounded
   const uint32_t* triangles = nullptr;
   const Vec3d* positions = nullptr;      // world space
-  const PackedVertex* packed = nullptr;  // of all triangles, their corners, which tell whose they are; or null
+  const PackedVertex* packed = nullptr;  // corners of all triangles with their triangle ids; or null
   PackedPlace packed_place;
-  // Drawn apart from the others, and of plain bits in no large queue; or null.
+  // Drawn separately, and then skipped by the large queue for occupancy bits; or null.
   const LargestTriangles* largest = nullptr;
   uint64_t triangle_count = 0;
-  int rounds = 1;  // of WalkCells and FindCells
-  BitPool pool;    // where triangles are drawn first; or none
-  // Room for all triangles each.
+  int rounds = 1;  // triangles per thread of WalkCells and FindCells
+  BitPool pool;    // bits are set here first, if `places` is not null
+  // Queues, each with capacity for all triangles.
   uint32_t *layer_queue = nullptr, *large_queue = nullptr;
-  uint64_t* queued = nullptr;  // how many wait in each
+  uint64_t* queued = nullptr;  // length of each queue
 };
 
-// Whether triangle t is among those that are drawn apart.
+// True if triangle t is drawn separately.
 __device__ inline bool IsAmongLargest(const BitArgs& args, uint32_t t) {
   if (args.largest == nullptr) return false;
   bool among = false;
@@ -67,19 +68,20 @@ __device__ inline bool IsAmongLargest(const BitArgs& args, uint32_t t) {
 
 enum BitQueue : int { kLayerQueue, kLargeQueue, kBitQueues };
 
-// Octants about a corner that are in the grid, by rows: set(word along x, y, z, mask of that word and of the next one).
+// Enumerates a clipped 2x2x2 mask by rows: set(word along x, y, z, mask over that word and the next one).
 template <typename Set>
 __device__ inline void ForEachPair(const int (&first)[3], uint32_t octants, Set&& set) {
   for (int i = 0; i < 4; ++i) {
     const uint32_t pair = octants >> 2 * i & 3;
     if (pair == 0) continue;
-    const int x = first[0] + ((pair & 1) != 0 ? 0 : 1);  // in the grid, as the corner's first voxel need not be
+    // within the grid, although the mask's first voxel may be outside
+    const int x = first[0] + ((pair & 1) != 0 ? 0 : 1);
     set(x >> 5, first[1] + (i & 1), first[2] + (i >> 1), uint64_t{(pair & 1) != 0 ? pair : 1} << (x & 31));
   }
 }
 
-// Sets voxels [x_begin, x_end) of a row. Where many triangles share a voxel most bits are set already, and reading
-// first (`look`) is cheaper than an atomic.
+// Sets the bits of `mask` in a word. `look`: reads first, which is cheaper than an atomic if most bits are set already,
+// as when many triangles share a voxel.
 __device__ inline void SetWord(uint32_t* word, uint32_t mask, bool look) {
   if (look && (__ldca(word) & mask) == mask) return;
   ReduceOr(word, mask);
@@ -96,25 +98,25 @@ __device__ inline void SetRow(const BitArgs& args, int y, int z, int x_begin, in
   SetRow(args.bits + args.grid.Word(0, y, z), x_begin, x_end, false);
 }
 
-// Kept apart, as other code that few threads take: small kernels wait for instructions more than for anything else.
+// Not inlined, like other rare code: small kernels are limited by instruction fetch.
 __device__ __noinline__ inline Vec3d DividePlainly(const Vec3d& a, const Vec3d& b) {
   return {a.x / b.x, a.y / b.y, a.z / b.z};
 }
 
-// The quotient as the processor divides, in fewer steps: two corrections of a product with the rounded inverse, each
-// with an exact remainder (P. Markstein, "Computation of elementary functions on the IBM RISC System/6000 processor",
-// 1990).
+// Correctly rounded quotient in fewer operations than a division: two corrections of a product with the rounded
+// reciprocal, each with an exact remainder (P. Markstein, "Computation of elementary functions on the IBM RISC
+// System/6000 processor", 1990).
 __device__ inline double Divide(double a, double b, double inverse) {
   double q = a * inverse;
   q = fma(fma(-q, b, a), inverse, q);
   return fma(fma(-q, b, a), inverse, q);
 }
-// WorldToIndex.
+// The fast equivalent of WorldToIndex.
 __device__ inline Vec3d PlacePosition(const BitArgs& args, const Vec3d& position) {
   const IndexSpace& space = args.grid.space;
   const Vec3d& size = space.voxel_size;
   const Vec3d p = position - space.origin;
-  // Of the least, remainders would be lost.
+  // The remainders of tiny numbers would underflow.
   const bool tiny = !(Abs(p.x) >= 0x1p-400 && Abs(p.y) >= 0x1p-400 && Abs(p.z) >= 0x1p-400);
   if (tiny) return ToWalls(space, DividePlainly(p, size));
   return ToWalls(space, {Divide(p.x, size.x, args.inverse_size.x), Divide(p.y, size.y, args.inverse_size.y),
@@ -133,7 +135,7 @@ __device__ __noinline__ inline PlacedCorners PlaceCorners(const BitArgs& args, u
   return {{PlaceVertex(args, c.v[0]), PlaceVertex(args, c.v[1]), PlaceVertex(args, c.v[2])}};
 }
 
-// Clears what stands behind the last word up to a whole unit of 16 bytes, by a block.
+// Clears the words after the last one up to a multiple of 16 bytes. Called by one block.
 __device__ inline void ClearBehind(const BitArgs& args) {
   const uint64_t begin = uint64_t(args.grid.words_per_row) * uint64_t(args.grid.dims[1]) *
                              uint64_t(args.grid.slab_end - args.grid.slab_begin) +

@@ -1,5 +1,5 @@
-// The part of BitArgs that every walk over a run's triangles has in common, and what else is told from the run's grid
-// and the mesh's box. Included by .cu files only.
+// Fills the parts of BitArgs that are common to all rasterization of a run's triangles, from the grid and the mesh's
+// bounding box. Included by .cu files only.
 #pragma once
 
 #include "cuda/run/run_state.h"
@@ -9,13 +9,13 @@
 
 namespace voxelpipe::cuda {
 
-// The box of the run's mesh in index space.
+// The mesh's bounding box in index space.
 inline Box3d BoxInGrid(const RunState& state) {
   const IndexSpace space = state.grid.index_space();
   return {WorldToIndex(space, state.box.min), WorldToIndex(space, state.box.max), state.box.empty};
 }
 
-// Names all triangles of the run's mesh, and how they lie in its grid.
+// Sets the triangles of the run's mesh and the fixed-point transform to its grid.
 inline void SetTriangles(const RunState& state, BitArgs& args) {
   const MeshView& mesh = state.mesh.host_view;
   const Vec3d& size = state.grid.voxel_size;
@@ -29,19 +29,19 @@ inline void SetTriangles(const RunState& state, BitArgs& args) {
   args.triangle_count = mesh.triangle_count;
 }
 
-// True if fixed point decides what most triangles touch (fixed_point.h).
+// True if the fixed-point filter decides most triangles (fixed_point.h).
 inline bool HasFixed(const BitArgs& args) {
   return args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
 }
 
-// The test of the run's triangles.
+// The test for degenerate triangles of the run's mesh.
 inline DegenerateTest DegenerateTestOf(const RunState& state) {
   const Box3d box = BoxInGrid(state);
   return MakeDegenerateTest(state.grid.index_space(), box.min, box.max);
 }
 
-// Has the walk read packed vertices, where there are such (mesh_locality.h). `placed`: triangles are then numbered by
-// place.
+// Makes kernels read packed vertices if they exist (mesh_locality.h). `placed`: in Morton order, which then numbers the
+// triangles.
 inline void UsePacked(const RunState& state, BitArgs& args, bool placed = false) {
   const ScatteredMesh& scattered = state.scattered_mesh;
   if (scattered.packed == nullptr || args.fixed.bits == 0) return;

@@ -1,29 +1,29 @@
-// The rows of a triangle in the hands of one thread or of many: the device's schedules of raster/spans.h.
+// Enumerates the rows of voxels of a triangle by one thread or by many: the device's schedules of raster/spans.h.
 #pragma once
 
 #include "raster/spans.h"
 
 namespace voxelpipe::cuda {
 
-// A box of voxels, half open, in 32-bit coordinates.
+// A half-open box of voxels in 32-bit coordinates.
 struct Box32 {
   int begin[3], end[3];
   __device__ int rows() const { return (end[1] - begin[1]) * (end[2] - begin[2]); }
 };
 
-// Rows of a range whose number does not fit 32 bits count as UINT32_MAX.
+// Number of rows of a range, saturated to UINT32_MAX.
 __device__ inline uint32_t RowCount(const VoxelRange& r) {
   const uint64_t rows = uint64_t(r.end[1] - r.begin[1]) * uint64_t(r.end[2] - r.begin[2]);
   return rows < UINT32_MAX ? uint32_t(rows) : UINT32_MAX;
 }
 
-// Whether one thread alone may walk the triangle: not wide, and few rows.
+// True if one thread may process the triangle alone: not of the wide class, and few rows.
 __device__ inline bool IsForOneThread(const TriangleSetup& s, const VoxelRange& clipped, uint32_t most_rows) {
   return s.span_class != SpanClass::kWide && RowCount(clipped) <= most_rows;
 }
 
-// All rows of a narrow triangle within `range`, by one thread: visit(y, z, x_begin, x_end) in grid coordinates. Such a
-// triangle is at most some 34 voxels long, so 32 bits do.
+// Enumerates all rows of a narrow triangle within `range`, by one thread: visit(y, z, x_begin, x_end) in grid
+// coordinates. Such a triangle is at most about 34 voxels long, so 32 bits suffice.
 template <typename Visit>
 __device__ inline void WalkNarrow(const SpanBounds<float>& s, const int (&base)[3], const Box32& range, Visit&& visit) {
   for (int z = range.begin[2]; z < range.end[2]; ++z) {
@@ -40,7 +40,7 @@ __device__ inline void WalkNarrow(const SpanBounds<float>& s, const int (&base)[
   }
 }
 
-// All rows of a narrow or run triangle by one thread. `range` is what ClipToRange gave, not empty.
+// Enumerates all rows of a narrow or run-class triangle, by one thread. `range`: the non-empty result of ClipToRange.
 template <typename Visit>
 __device__ inline void WalkRows(const TriangleSetup& s, const VoxelRange& range, Visit&& visit) {
   Box32 box;
@@ -58,7 +58,7 @@ __device__ inline void WalkRows(const TriangleSetup& s, const VoxelRange& range,
   WalkNarrow(s.narrow, base, box, visit);
 }
 
-// One row of a set-up: false if the triangle does not touch it within `range`.
+// One row of a triangle. False if the triangle does not touch it within `range`.
 template <typename Real>
 __device__ inline bool RowOf(const SpanBounds<Real>& s, const Vec3d& base, const VoxelRange& range, int64_t y,
                              int64_t z, int64_t& x_begin, int64_t& x_end) {
@@ -74,7 +74,7 @@ __device__ inline bool RowOf(const SpanBounds<Real>& s, const Vec3d& base, const
   return x_begin < x_end;
 }
 
-// Row number `row` of `range` (y fastest), which ClipToRange gave: false if the triangle does not touch it.
+// Row number `row` of `range` (y fastest), a result of ClipToRange. False if the triangle does not touch it.
 __device__ inline bool RowSpan(const TriangleSetup& s, const VoxelRange& range, uint64_t row, int64_t& y, int64_t& z,
                                int64_t& x_begin, int64_t& x_end) {
   const uint64_t ny = uint64_t(range.end[1] - range.begin[1]);
@@ -89,7 +89,7 @@ __device__ inline bool RowSpan(const TriangleSetup& s, const VoxelRange& range, 
   return RowOf(s.wide, s.base, range, y, z, x_begin, x_end);
 }
 
-// Sum over the warp's lanes before this one; `total` is that of all. All 32 lanes call it.
+// Exclusive prefix sum over the warp; `total` receives the sum of all lanes. All 32 lanes call it.
 __device__ inline uint32_t WarpExclusiveSum(uint32_t value, uint32_t& total) {
   const unsigned lane = threadIdx.x % 32;
   uint32_t sum = value;
@@ -101,9 +101,8 @@ __device__ inline uint32_t WarpExclusiveSum(uint32_t value, uint32_t& total) {
   return sum - value;
 }
 
-// The lane that has item number `item`: the last one of the first kLanes, a power of two, with that many before it or
-// fewer. Lanes that have none are never found while there are such items. In: the sum of WarpExclusiveSum. All 32 lanes
-// call it.
+// The lane that owns item `item`, given the exclusive prefix sum `before` of the lanes' item counts: binary search over
+// the first kLanes lanes, a power of two. Lanes without items are never found for valid items. All 32 lanes call it.
 template <int kLanes = 32>
 __device__ inline int LaneOfItem(uint32_t before, uint32_t item) {
   int found = 0;
@@ -114,8 +113,8 @@ __device__ inline int LaneOfItem(uint32_t before, uint32_t item) {
   return found;
 }
 
-// Room for `count` elements of each lane in an array whose fill `counter` counts: the lane's first index. One atomic a
-// warp. All 32 lanes call it.
+// Reserves `count` elements per lane in an array whose length is `counter`. Returns the lane's first index. One atomic
+// per warp. All 32 lanes call it.
 __device__ inline uint64_t WarpAllocate(uint64_t* counter, uint32_t count) {
   uint32_t total;
   const uint32_t before = WarpExclusiveSum(count, total);
@@ -126,9 +125,9 @@ __device__ inline uint64_t WarpAllocate(uint64_t* counter, uint32_t count) {
   return __shfl_sync(~0u, first, 0) + before;
 }
 
-// The same for a whole block of kThreads threads with one atomic a block, which matters where millions of threads
-// append: an atomic that returns costs some 3 ns. All threads call it; `shared` holds kThreads / 32 + 1 words and is
-// free again after the next barrier.
+// The same for a block of kThreads threads, with one atomic per block: an atomic that returns costs about 3 ns, which
+// matters if millions of threads append. All threads call it. `shared` has kThreads / 32 + 1 words, which are free
+// after the next barrier.
 template <int kThreads>
 __device__ inline uint64_t BlockAllocate(uint64_t* counter, uint32_t count, unsigned long long* shared) {
   constexpr int kWarps = kThreads / 32;

@@ -1,5 +1,6 @@
-// What a set-up triangle touches of eight layers of eight rows, a piece's edge: its layers there, and their rows of
-// voxels. For what writes a grid piece by piece (block_raster.cuh). No host-only includes.
+// The voxels of a triangle within eight layers of eight rows, the size of a grid block: its layers there and their
+// rows. Used by block_raster.cuh, which writes a grid block by block. In the code a grid block is called a piece. No
+// host-only includes.
 #pragma once
 
 #include "cuda/traversal/triangle_walk.cuh"
@@ -8,10 +9,10 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kPieceEdge = 8;
 
-// A layer of a triangle within a piece: its rows, from `begin` to `end` of the piece's eight, and what they share.
+// A layer of a triangle within a grid block: its rows `begin` to `end` of the eight, and the terms they share.
 struct PieceLayer {
   double x_first, x_last, plane_lo, plane_hi;
-  uint32_t triangle;  // of those that the warp draws at once
+  uint32_t triangle;  // index among the triangles that the warp draws at a time
   uint8_t z, begin, end;
 };
 
@@ -24,8 +25,8 @@ __device__ inline Layer<Real> LayerOf(const SpanBounds<Real>& bounds, Real z, Pi
   out.plane_hi = double(layer.plane_hi);
   return layer;
 }
-// In: a layer z of the grid, the piece's first row y. False where the triangle has none of the piece's rows, or of as
-// many others as `rows` says.
+// Computes a layer z of the grid for a grid block whose first row is y. False if the triangle has no rows among the
+// block's `rows` rows.
 __device__ inline bool FindLayer(const SharedSetup& s, int y, int z, PieceLayer& out, int rows = kPieceEdge) {
   if (z < s.begin[2] || z >= s.end[2]) return false;
   int begin = s.begin[1], end = s.end[1];
@@ -57,7 +58,7 @@ __device__ inline Interval<Real> RowOf(const SpanBounds<Real>& bounds, const Pie
   layer.plane_hi = Real(l.plane_hi);
   return ComputeRow(bounds, layer, y);
 }
-// Row y of the grid of a layer that has it. False if the triangle does not touch it.
+// Row y of a layer that contains it, in grid coordinates. False if the triangle does not touch it.
 __device__ inline bool FindRow(const SharedSetup& s, const PieceLayer& layer, int y, int& x_begin, int& x_end) {
   x_begin = s.begin[0];
   x_end = s.end[0];
@@ -84,8 +85,8 @@ __device__ inline SpanBounds<Real> BoundsOfRows(const SpanBounds<Real>& bounds) 
   return rows;
 }
 
-// Whether the plane alone tells the voxels of the layer's rows. Bounds of x are a product and a sum, each rounded once:
-// what lies between two rows has bounds between theirs.
+// True if the plane alone bounds the layer's rows. Bounds of x are a product and a sum, each rounded once, so they are
+// monotonic: rows in between have bounds in between.
 __device__ inline bool IsPlaneAlone(const SharedSetup& s, const PieceLayer& layer, int y) {
   if (s.span_class != SpanClass::kWide || double(s.cell[0]) != s.base.x) return false;
   const double first = double(y + int(layer.begin)) - s.base.y, last = double(y + int(layer.end) - 1) - s.base.y;
@@ -101,7 +102,7 @@ __device__ inline bool IsPlaneAlone(const SharedSetup& s, const PieceLayer& laye
          hi >= Greater(layer.plane_hi - here, layer.plane_hi - there);
 }
 
-// Rounded up and down; what 32 bits do not hold becomes the nearest that they do.
+// Rounds up and down, saturating to 32 bits.
 __device__ inline int IntAbove(double v) {
 #if defined(__CUDA_ARCH__)
   return __double2int_ru(v);
@@ -117,7 +118,7 @@ __device__ inline int IntBelow(double v) {
 #endif
 }
 
-// What bounds the rows of a triangle besides its plane: its box along x, from voxel `cell` on.
+// Bounds of a triangle's rows other than the plane: its box along x, relative to voxel `cell`.
 struct RowClip {
   int cell, least, most;
 
@@ -126,8 +127,8 @@ struct RowClip {
       : cell(s.cell[0]), least(s.begin[0] - s.cell[0]), most(s.end[0] - s.cell[0]) {}
 };
 
-// A row of a layer of which IsPlaneAlone: `shift` is the plane's slope times how far the row is from the set-up's base.
-// Empty where x_begin is not before x_end.
+// A row of a layer for which IsPlaneAlone holds. `shift`: the plane's slope times the row's distance from the setup's
+// base. Empty if x_begin >= x_end.
 __device__ inline void RowOfPlane(const RowClip& clip, const PieceLayer& layer, double shift, int& x_begin,
                                   int& x_end) {
   const int first = IntAbove(layer.plane_lo - shift), last = IntBelow(layer.plane_hi - shift);
@@ -135,7 +136,7 @@ __device__ inline void RowOfPlane(const RowClip& clip, const PieceLayer& layer, 
   x_end = clip.cell + min(max(last, clip.least - 1), clip.most - 1) + 1;
 }
 
-// The rows of a layer of which IsPlaneAlone: set(row of the piece, x_begin, x_end).
+// Calls set(row of the grid block, x_begin, x_end) for the rows of a layer for which IsPlaneAlone holds.
 template <typename Set>
 __device__ inline void ForEachRowOfPlane(const SharedSetup& s, const PieceLayer& layer, int y, Set&& set) {
   const RowClip clip(s);
@@ -148,7 +149,7 @@ __device__ inline void ForEachRowOfPlane(const SharedSetup& s, const PieceLayer&
   }
 }
 
-// The rows of a layer, as FindRow has them; likewise.
+// The same for any layer, with rows as in FindRow.
 template <typename Set>
 __device__ inline void ForEachRowOf(const SharedSetup& s, const PieceLayer& layer, int y, Set&& set) {
   const int x_lo = s.begin[0], x_hi = s.end[0];

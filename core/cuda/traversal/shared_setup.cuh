@@ -1,7 +1,7 @@
-// Triangles of a walk from world space, set up in shared memory: by a lane each, or, where there are few, by four.
+// Triangle setup from world space into shared memory: by one lane per triangle, or by four if there are few triangles.
 //
-// A set-up is a chain of some 1,300 instructions, most of which are one vertex's or one edge's. Where few triangles
-// wait, how long one takes is what counts, and other lanes of the warp would only look on. No host-only includes.
+// A setup is about 1,300 dependent instructions, most of them for one vertex or one edge. With few triangles its
+// latency dominates, and other lanes of the warp would be idle. No host-only includes.
 #pragma once
 
 #include "cuda/traversal/raster_args.cuh"
@@ -10,14 +10,14 @@ namespace voxelpipe::cuda {
 
 inline constexpr uint32_t kNoTriangle = ~0u;
 
-// Sets up triangle t; the number of its rows in the slab.
+// Sets up triangle t. Returns the number of its rows in the slab.
 __device__ __noinline__ inline uint64_t SetUpRows(const BitArgs& args, uint32_t t, SharedSetup& shared) {
   const PlacedCorners p = PlaceCorners(args, t);
   return SetUpShared(p.at, args.coverage, args.grid.SlabRange(), t, shared);
 }
 
-// Sets up a triangle, where `has`, by four neighbouring lanes, the first three of which bring its corners in index
-// space; the number of its rows in the slab, or 0, to each of them, when all have written. All threads of a warp call
+// Sets up a triangle, if `has`, by four adjacent lanes; the first three pass its corners in index space (`mine`).
+// Returns the number of its rows in the slab, or 0, to each of them, after all have written. All threads of a warp call
 // it.
 __device__ inline uint64_t SetUpPlacedInParts(const BitArgs& args, bool has, uint32_t t, const Vec3d& mine,
                                               SharedSetup& shared) {
@@ -30,7 +30,7 @@ __device__ inline uint64_t SetUpPlacedInParts(const BitArgs& args, bool has, uin
   __syncwarp();
   return rows;
 }
-// The same of triangle t, or of none for kNoTriangle, of which the first three lanes bring a corner's number each.
+// The same for triangle t (kNoTriangle: none); the first three lanes pass a vertex index each.
 __device__ __noinline__ inline uint64_t SetUpCornersInParts(const BitArgs& args, uint32_t t, uint32_t vertex,
                                                             SharedSetup& shared) {
   Vec3d mine{};
@@ -38,7 +38,7 @@ __device__ __noinline__ inline uint64_t SetUpCornersInParts(const BitArgs& args,
   __syncwarp();
   return SetUpPlacedInParts(args, t != kNoTriangle, t, mine, shared);
 }
-// The number of the lane's corner of triangle t; or 0.
+// The lane's vertex index of triangle t; or 0.
 __device__ inline uint32_t CornerInParts(const BitArgs& args, uint32_t t) {
   const uint32_t part = threadIdx.x % kBoundsParts;
   return t != kNoTriangle && part < 3 ? args.triangles[3 * uint64_t{t} + part] : 0;
@@ -47,18 +47,18 @@ __device__ inline uint64_t SetUpRowsInParts(const BitArgs& args, uint32_t t, Sha
   return SetUpCornersInParts(args, t, CornerInParts(args, t), shared);
 }
 
-inline constexpr uint32_t kMaxInParts = 32 / kBoundsParts;  // of a warp at once
+inline constexpr uint32_t kMaxInParts = 32 / kBoundsParts;  // per warp at a time
 
-// From what each lane has for the triangle that it has a part of to that of the lane's place. All threads of a warp
-// call it.
+// Moves results from the four lanes of each triangle to the lane with the triangle's index. All threads of a warp call
+// it.
 __device__ inline uint64_t RowsOfLane(uint64_t rows) {
   const uint32_t lane = threadIdx.x % 32;
   const uint64_t there = __shfl_sync(~0u, rows, int(lane * kBoundsParts % 32));
   return lane < kMaxInParts ? there : 0;
 }
 
-// Sets up a warp's triangles number(0) to number(count - 1), or kNoTriangle among them, in `shared`, at most
-// kMaxInParts; how many rows the one of the lane's place has. All threads of the warp call it.
+// Sets up the triangles number(0) to number(count - 1) (kNoTriangle: none) of a warp in `shared`, at most kMaxInParts.
+// Returns the number of rows of triangle i to lane i. All threads of the warp call it.
 template <typename Number>
 __device__ inline uint64_t SetUpFew(const BitArgs& args, uint32_t count, Number&& number, SharedSetup* shared) {
   const uint32_t lane = threadIdx.x % 32, place = lane / kBoundsParts;
@@ -67,7 +67,7 @@ __device__ inline uint64_t SetUpFew(const BitArgs& args, uint32_t count, Number&
   const uint64_t there = RowsOfLane(rows);
   return lane < count ? there : 0;
 }
-// The same of up to 32.
+// The same for up to 32 triangles.
 template <typename Number>
 __device__ inline uint64_t SetUpRowsOfWarp(const BitArgs& args, uint32_t count, Number&& number, SharedSetup* shared) {
   if (count <= kMaxInParts) return SetUpFew(args, count, number, shared);
@@ -77,7 +77,7 @@ __device__ inline uint64_t SetUpRowsOfWarp(const BitArgs& args, uint32_t count, 
   return rows;
 }
 
-// Of a set-up triangle that has some rows.
+// Number of layers of a triangle that has rows.
 __device__ inline uint32_t LayersOf(const SharedSetup& s) {
   return uint32_t(s.end[2] - s.begin[2]);
 }

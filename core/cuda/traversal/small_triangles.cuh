@@ -1,11 +1,14 @@
-// Plain bits of one grid: triangles from world space straight to words of the bit grid.
+// Occupancy bits of one grid: rasterizes small triangles from world space directly into the words of the bit grid.
 //
-// Two steps, each a kernel or a part of one. WalkCells, here: every triangle a thread; what small_triangle_tests.h is certain of
-// is written at once, the rest waits in two queues, which are walked in large_triangles.cuh. Unordered meshes are taken in
-// Morton order (mesh_locality.h), and the largest of their triangles are drawn by pieces (block_raster.cuh) while the grid is
-// cleared. Few and large triangles in large grids: block_bins.cuh. Fine meshes in such: the first step sets bits in
-// bricks, which become the grid before the second one (bit_bricks.cuh). Triangles of some voxels each: row_kernel.cuh is
-// the first step. Few triangles: resident_mesh.cuh is. No host-only includes.
+// Two steps, each a kernel or a part of one. First, WalkCells (here): one thread per triangle; the voxels that the
+// floating-point filter is certain of (small_triangle_tests.h) are set at once. Second, large_triangles.cuh: the
+// remaining triangles, deferred in two queues.
+//
+// Variants: unordered meshes are processed in Morton order (mesh_locality.h), and their largest triangles are drawn
+// while the grid is cleared (block_raster.cuh). Few large triangles in large grids: block_bins.cuh. Fine meshes in
+// large grids: the first step sets bits in bricks, which are copied to the grid before the second step
+// (bit_bricks.cuh). Other first steps: row_kernel.cuh if most triangles touch several voxels, resident_mesh.cuh if
+// there are few triangles. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/acquire_release.cuh"
@@ -20,29 +23,31 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kCellThreads = 128;
-inline constexpr int kMaxCellRows = 64;                          // of a triangle that a thread walks alone
-inline constexpr int kManyOctants = 14;                          // of a warp's lanes: enough not to wait for others
-inline constexpr int kMaxCellRounds = 8;                         // triangles of a thread of WalkCells
-inline constexpr int kMaxLayerWidth = 96, kMaxLayerRows = 6144;  // along y, and in all, of one that WalkLayers takes
+inline constexpr int kMaxCellRows = 64;  // limit for a triangle that one thread processes alone
+// lanes of a warp with 2x2x2 work that make it worth doing at once
+inline constexpr int kManyOctants = 14;
+inline constexpr int kMaxCellRounds = 8;                         // triangles per thread of WalkCells
+inline constexpr int kMaxLayerWidth = 96, kMaxLayerRows = 6144;  // limits of WalkLayers: rows along y, and in all
 
-// Where the walk sets bits: in the grid's words, one by one, or, of octants, those of a warp together (warp_bit_tile.cuh); or
-// in bricks (bit_bricks.cuh).
+// Where bits are set: in words of the grid individually; in words of the grid, with 2x2x2 masks combined per warp
+// (warp_bit_tile.cuh); in bricks (bit_bricks.cuh).
 enum class BitSink { kWords, kTogether, kBricks };
 
-// What becomes of a triangle. Runs: those of thin coverage whose box is one voxel or two side by side.
+// The class of a triangle: done; a run, for thin coverage (box of one voxel or two adjacent ones); decided as a 2x2x2
+// mask; by rows; deferred to the layer queue or the large queue.
 enum class CellFate { kDone, kRuns, kOctants, kRows, kLayers, kLarge };
 
-// Whether it waits for more than octants.
+// True if the triangle needs more than a 2x2x2 test.
 __device__ inline bool WaitsForRows(CellFate fate) {
   return fate == CellFate::kRows || fate == CellFate::kLayers || fate == CellFate::kLarge;
 }
 
-// Where a triangle of so many rows waits.
+// The queue for a triangle of this size.
 __device__ inline CellFate QueueOf(int64_t width, int64_t layers) {
   return width > kMaxLayerWidth || width * layers > kMaxLayerRows ? CellFate::kLarge : CellFate::kLayers;
 }
 
-// The box's part in the slab; empty where some end is not behind its begin.
+// Clips a box to the slab; empty if end <= begin along some axis.
 __device__ inline void ClipBox(const BitArgs& args, const FixedBox& box, int (&begin)[3], int (&end)[3]) {
   const int low[3] = {0, 0, int(args.grid.slab_begin)};
   const int high[3] = {int(args.grid.dims[0]), int(args.grid.dims[1]), int(args.grid.slab_end)};
@@ -57,28 +62,28 @@ struct FixedTriangle {
   FixedBox box;
 };
 
-// Whether no voxel of a box is in the slab, of which `begin` to `end` is.
+// True if no voxel of a box is in the slab. `begin`, `end`: the clipped box.
 __device__ inline bool IsOutside(const FixedBox& box, const int (&begin)[3], const int (&end)[3]) {
   const int unsure = box.doubtful ? 1 : 0;
   return end[0] - begin[0] + unsure <= 0 || end[1] - begin[1] + unsure <= 0 || end[2] - begin[2] + unsure <= 0;
 }
 
-// Whether a triangle goes by rows or where it waits. `greatest`: voxels from its box's first to the last along some
-// axis, at most.
+// The class of a triangle larger than 2x2x2 voxels: by rows or deferred. `greatest`: maximum extent of its box along an
+// axis, in voxels, minus 1.
 __device__ inline CellFate FateByRows(const FixedBox& box, int greatest, const int (&begin)[3], const int (&end)[3]) {
   const int width = max(1, end[1] - begin[1]), layers = max(1, end[2] - begin[2]);
   if (!box.doubtful && greatest < kMaxCells && width * layers <= kMaxCellRows) return CellFate::kRows;
   return QueueOf(width, layers);
 }
 
-// Of a box of at most two voxels along each axis the octants about its inner corner.
+// The 2x2x2 mask of a box of at most two voxels along each axis.
 __device__ inline uint32_t OctantsOf(const FixedBox& box) {
   const auto far = [&box](int a, uint32_t near) { return near + uint32_t(box.last[a] - box.first[a]) * (0xff - near); };
   return far(0, 0x55) & far(1, 0x33) & far(2, 0x0f);
 }
 
-// What is found of a triangle, whose corners stand in `t`, by its box alone, which is put there. Where it is done,
-// `octants` about the inner corner of the box.
+// Computes the box of the triangle with corners `t` and classifies it by the box alone. For kDone, `octants` is the
+// result.
 template <bool kThin>
 __device__ inline CellFate FindFate(const BitArgs& args, FixedTriangle& t, uint32_t& octants) {
   t.box = BoxOf(t.v.at, args.fixed);
@@ -90,7 +95,7 @@ __device__ inline CellFate FindFate(const BitArgs& args, FixedTriangle& t, uint3
   const int greatest = max(size[0], max(size[1], size[2]));
   if (!box.doubtful && greatest <= 1) {
     if (size[0] + size[1] + size[2] > 1) return CellFate::kOctants;
-    if constexpr (!kThin) {  // of the run class, which touches the whole box
+    if constexpr (!kThin) {  // the run class touches its whole box
       octants = size[0] != 0 ? 0x03 : size[1] != 0 ? 0x05 : size[2] != 0 ? 0x11 : 0x01;
       return CellFate::kDone;
     }
@@ -105,8 +110,7 @@ __device__ inline CellFate FindFate(const BitArgs& args, const Fetched<kPacked>&
   return FindFate<kThin>(args, t, octants);
 }
 
-// Decides the runs of a warp, or where they are few leaves them to those who go by octants. All threads of a warp call
-// it.
+// Decides the runs of a warp; if they are few, reclassifies them as 2x2x2. All threads of a warp call it.
 template <bool kThin>
 __device__ inline void DecideRuns(const BitArgs& args, const FixedTriangle& t, CellFate& fate, uint32_t& octants) {
   if constexpr (kThin) {
@@ -122,7 +126,7 @@ __device__ inline void DecideRuns(const BitArgs& args, const FixedTriangle& t, C
   }
 }
 
-// A triangle whose fate is kOctants; false if some voxel is in doubt.
+// Decides a triangle of class kOctants. False if the filter is uncertain for some voxel.
 template <bool kThin>
 __device__ inline bool FindOctants(const BitArgs& args, const FixedTriangle& t, uint32_t& octants) {
   const Octants o = TouchedOctants<kThin>(t.v.at, t.box, OctantsOf(t.box), args.fixed);
@@ -131,18 +135,18 @@ __device__ inline bool FindOctants(const BitArgs& args, const FixedTriangle& t, 
   return true;
 }
 
-// A triangle of at most kMaxCells voxels along each axis, as VisitCells has it. False if some voxel is in doubt. Of
-// the layers those from number `part` on, `parts` apart.
+// Enumerates the rows of a triangle of at most kMaxCells voxels along each axis, as VisitCells. False if the filter is
+// uncertain for some voxel. Processes layers part, part + parts, ...
 template <bool kThin, typename Rows>
 __device__ inline bool WalkRows(const BitArgs& args, const FixedTriangle& t, const int (&begin)[3], const int (&end)[3],
                                 CellSpan* table, int part, int parts, Rows&& to) {
   const FixedBox& box = t.box;
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
-  const bool run = !kThin && single >= 2;  // of the run class
+  const bool run = !kThin && single >= 2;  // the run class
   return VisitCells<kThin>(t.v.at, box, begin, end, args.fixed, table, kCellThreads, run, to, part, parts);
 }
 
-// A triangle whose fate is kRows; likewise.
+// Rasterizes a triangle of class kRows; the result is as above.
 template <bool kThin, bool kPacked, BitSink kSink>
 __device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>& fetched, CellSpan* table) {
   FixedTriangle t;
@@ -160,7 +164,8 @@ __device__ inline bool WalkCellRows(const BitArgs& args, const Fetched<kPacked>&
   return WalkRows<kThin>(args, t, begin, end, table, 0, 1, NearWords(args, begin, t.box.first[0]));
 }
 
-// The same of a mesh that reaches too far for fixed point, and under center coverage: its queue alone.
+// Classifies a triangle without fixed-point coordinates: the mesh exceeds their range, or center coverage. Selects the
+// queue only.
 __device__ __noinline__ inline CellFate FindQueue(const BitArgs& args, uint64_t t) {
   const PlacedCorners p = PlaceCorners(args, uint32_t(t));
   int64_t width[3];
@@ -175,7 +180,7 @@ __device__ __noinline__ inline CellFate FindQueue(const BitArgs& args, uint64_t 
   return QueueOf(max(width[1], int64_t{1}), max(width[2], int64_t{1}));
 }
 
-// Appends t to a list of the block's where `wanted`, `step` from one to the next. All threads of a warp call it.
+// Appends t to a list of the block if `wanted`; `step` is 1 or -1. All threads of a warp call it.
 template <typename Entry>
 __device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int step, uint32_t* count) {
   const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
@@ -186,19 +191,19 @@ __device__ inline void AppendInBlock(bool wanted, uint32_t t, Entry* list, int s
   if (wanted) list[int(at) * step] = Entry(t);
 }
 
-// Of a block's triangles, numbered from its first on, those that wait.
+// Lists of a block's triangles that need more work, numbered from its first.
 template <uint32_t kTriangles>
 struct CellLists {
   static constexpr uint32_t kRoom = kTriangles;
   static_assert(kRoom <= 1 << 16);
-  uint16_t cells[kRoom];  // for octants, from the begin on, and for rows, from the end on
-  uint16_t later[kRoom];  // likewise for other kernels: those of the layer queue, those of the large queue
+  uint16_t cells[kRoom];  // for 2x2x2 tests from the front, for rows from the back
+  uint16_t later[kRoom];  // for other kernels: layer queue from the front, large queue from the back
   uint32_t octant_count, row_count, layer_count, large_count;
-  uint32_t turn;  // that the next warp takes
+  uint32_t turn;  // the next work item of a warp
   unsigned long long first_layer, first_large;
 
   __device__ void Clear() { octant_count = row_count = layer_count = large_count = turn = 0; }
-  // By all threads of a warp, each its own.
+  // Called by all threads of a warp with their own triangles.
   __device__ void Append(CellFate fate, uint32_t number) {
     AppendInBlock(fate == CellFate::kOctants, number, cells, 1, &octant_count);
     if (__any_sync(~0u, WaitsForRows(fate)) == 0) return;
@@ -210,19 +215,19 @@ struct CellLists {
   __device__ uint32_t LargeNumber(uint32_t i) const { return later[kRoom - 1 - i]; }
 };
 
-// Of each warp of a block.
+// Shared memory of each warp of a block during the first pass.
 struct FirstPass {
-  uint2 found[kCellThreads / 32][kMaxCellRounds * 32];  // octants that wait for the bits to be cleared
+  uint2 found[kCellThreads / 32][kMaxCellRounds * 32];  // 2x2x2 masks, set after the bits are cleared
   StagedCorners staged[kCellThreads / 32];
 };
-// What the block's triangles share in WalkCells.
+// Shared memory of a block in WalkCells.
 struct CellRoom : CellLists<kMaxCellRounds * kCellThreads> {
   union {
     CellSpan table[kMaxCells][kCellThreads];
     FirstPass first_pass;
   };
 };
-// The same, and each warp's rows.
+// The same with a bit tile for each warp.
 struct CellRoomTogether : CellRoom {
   OctantBox boxes[kCellThreads / 32];
 };
@@ -237,14 +242,14 @@ struct CellRoomType<BitSink::kTogether> {
 template <BitSink kSink>
 using CellRoomFor = typename CellRoomType<kSink>::Type;
 
-// The number of the next turn, which no other warp takes. All threads of a warp call it.
+// Dynamic scheduling: takes the next work item of the block for this warp. All threads of a warp call it.
 __device__ inline uint32_t NextTurn(uint32_t& turn) {
   uint32_t mine = 0;
   if (threadIdx.x % 32 == 0) mine = SharedAdd(&turn, 1u);
   return __shfl_sync(~0u, mine, 0);
 }
 
-// Octants about a corner in 64 bits; fixed-point cells have 16 bits.
+// Packs a 2x2x2 mask and its first voxel into 64 bits; fixed-point voxel coordinates have 16 bits.
 __device__ inline uint2 PackOctants(const int (&first)[3], uint32_t octants) {
   return {(uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16, (uint32_t(first[2]) & 0xffff) | octants << 16};
 }
@@ -254,13 +259,13 @@ __device__ inline void SetPacked(const BitArgs& args, const uint2& packed) {
   const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
   SetOctants(args, first, octants);
 }
-// The same by way of a warp's rows, but at the grid's sides one by one. All threads of a warp call it.
+// The same through the warp's bit tile; individually at the grid's borders. All threads of a warp call it.
 __device__ inline void SetPackedTogether(const BitArgs& args, const uint2& packed, OctantBox& box) {
   const uint32_t octants = packed.y >> 16;
   const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
   const int low[3] = {0, 0, int(args.grid.slab_begin)};
   const int high[3] = {int(args.grid.dims[0]), int(args.grid.dims[1]), int(args.grid.slab_end)};
-  bool inside = true;  // all of them, as most often
+  bool inside = true;  // the usual case
   int end[3];
 #pragma unroll
   for (int a = 0; a < 3; ++a) {
@@ -286,15 +291,15 @@ __device__ inline void SetPackedTogether(const BitArgs& args, const uint2& packe
   __syncwarp();
 }
 
-// The same in the pool.
+// The same in bricks.
 __device__ inline void SetPackedInPool(const BitArgs& args, const uint2& packed) {
   const int first[3] = {int(int16_t(packed.x & 0xffff)), int(packed.x) >> 16, int(int16_t(packed.y & 0xffff))};
   const uint32_t octants = ClipOctants(args, first, packed.y >> 16);
   if (octants != 0) PoolRows(args).SetOctants(first, octants);
 }
 
-// Waits until the grid and the queues are cleared. All threads of a block call it; a barrier where blocks of the same
-// kernel clear.
+// Waits until the grid and the queues are cleared. Acts as a barrier if blocks of this kernel clear. All threads of a
+// block call it.
 __device__ inline void AwaitCleared(const BitArgs& args) {
   if (args.clear_blocks == 0) return AwaitEarlier();
   if (threadIdx.x == 0) {
@@ -303,7 +308,7 @@ __device__ inline void AwaitCleared(const BitArgs& args) {
   __syncthreads();
 }
 
-// Octants of a warp's lanes to where they belong. All threads of a warp call it.
+// Writes the 2x2x2 masks of a warp's lanes to the sink. All threads of a warp call it.
 template <BitSink kSink>
 __device__ inline void SetFound(const BitArgs& args, const uint2& packed, CellRoomFor<kSink>& room) {
   if constexpr (kSink == BitSink::kTogether) {
@@ -314,14 +319,14 @@ __device__ inline void SetFound(const BitArgs& args, const uint2& packed, CellRo
     SetPacked(args, packed);
   }
 }
-// As they are found; neighbours' that will not come together are brought together at once.
+// Packs a mask when it is found. Without a bit tile, masks of adjacent lanes are combined here.
 template <BitSink kSink>
 __device__ inline uint2 PackFound(const int (&first)[3], uint32_t octants) {
   return PackOctants(first, kSink == BitSink::kTogether ? octants : Together(first, octants));
 }
 
-// Puts the octants of a warp's lanes that have some behind those that the warp has `kept`; how many those are then. All
-// threads of a warp call it.
+// Appends the non-empty masks of a warp's lanes to the `kept` masks in `found`. Returns their new number. All threads
+// of a warp call it.
 template <BitSink kSink>
 __device__ inline uint32_t KeepFound(const int (&first)[3], uint32_t octants, uint2* found, uint32_t kept) {
   const uint2 packed = PackFound<kSink>(first, octants);
@@ -331,13 +336,13 @@ __device__ inline uint32_t KeepFound(const int (&first)[3], uint32_t octants, ui
   return kept + uint32_t(__popc(all));
 }
 
-// Whether triangles have fixed-point corners and boxes.
+// True if triangles have fixed-point corners and boxes.
 __device__ inline bool GoesByFixed(const BitArgs& args) {
   return args.fixed.bits > 0 && args.coverage != Coverage::kCenter;
 }
 
-// What becomes of a lane's triangle, where it `has` one, by its box, and, where many of its warp go by octants, by
-// those. `number` gives the triangle's number. All threads of a warp call it.
+// Classifies the lane's triangle, if it `has` one, by its box; if many lanes of the warp need 2x2x2 tests, does these
+// too. `number` returns the triangle's number. All threads of a warp call it.
 template <bool kThin, bool kPacked, typename Number>
 __device__ inline CellFate FindFirst(const BitArgs& args, bool has, const Fetched<kPacked>& fetched, Number&& number,
                                      FixedTriangle& triangle, uint32_t& octants) {
@@ -354,8 +359,8 @@ __device__ inline CellFate FindFirst(const BitArgs& args, bool has, const Fetche
   return fate;
 }
 
-// Puts what waits for other kernels into the queues. A block's go there at once: an atomic that returns costs some 3 ns
-// where all are on one address. number_at(number of the block's). All threads of a block call it.
+// Appends a block's deferred triangles to the queues, with one atomic per queue: an atomic that returns costs about 3
+// ns under contention. number_at maps a number within the block to a triangle. All threads of a block call it.
 template <bool kPrefetch, uint32_t kRoom, typename Number>
 __device__ inline void QueueLater(const BitArgs& args, CellLists<kRoom>& lists, Number&& number_at) {
   auto* const queued = reinterpret_cast<unsigned long long*>(args.queued);
@@ -376,9 +381,9 @@ __device__ inline void QueueLater(const BitArgs& args, CellLists<kRoom>& lists, 
   }
 }
 
-// Triangles by their boxes first, then, packed, by octants and by rows: lanes of a warp do the same. What the first
-// pass finds is kept until the grid is cleared, so that it runs beside the clearing of the grid. Waits for whoever
-// clears the grid.
+// The first step of a block. Classifies triangles by their boxes first; then compacts those that need 2x2x2 tests or
+// rows, so that lanes of a warp do the same work. Results of the first pass are held back until the grid is cleared, so
+// that the pass overlaps the clearing. Waits until the grid is cleared.
 template <bool kThin, bool kPacked, BitSink kSink>
 __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFor<kSink>& room) {
   if (threadIdx.x == 0) room.Clear();
@@ -386,17 +391,17 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
   __syncthreads();
   const uint64_t each = uint64_t(args.rounds) * kCellThreads, begin = chunk * each;
   const uint64_t count = args.triangle_count;
-  // The number of the triangle that stands at i among packed corners.
+  // Maps a position in the packed corners to a triangle.
   const auto number_at = [&](uint64_t i) {
     if constexpr (kPacked) return args.packed[3 * i].triangle;
     return uint32_t(i);
   };
-  // Of the block's triangles; in 32 bits, as registers are few.
+  // Number of the block's triangles; 32 bits save registers.
   const uint32_t here = begin < count ? uint32_t(min(count - begin, each)) : 0;
   const uint32_t warp = threadIdx.x / 32;
   uint2* const found = room.first_pass.found[warp];
   StagedCorners& staged = room.first_pass.staged[warp];
-  // Where each thread has one round there is nothing to ask for ahead.
+  // With one iteration per thread there is nothing to prefetch.
   constexpr bool kAhead = kSink != BitSink::kBricks;
   uint32_t kept = 0;
   if (kAhead && threadIdx.x < here) StageCorners<kPacked>(args, uint32_t(begin) + threadIdx.x, staged);
@@ -417,14 +422,14 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     if (fate == CellFate::kLarge && IsAmongLargest(args, number_at(begin + number))) fate = CellFate::kDone;
     room.Append(fate, number);
   }
-  AwaitCleared(args);  // until here nothing is written but what is the block's
+  AwaitCleared(args);  // only shared memory is written before
   __syncwarp();
-  for (uint32_t begins = 0; begins < kept; begins += 32) {  // full warps: lanes that have none would take as long
+  for (uint32_t begins = 0; begins < kept; begins += 32) {  // full warps only, so no lanes are idle
     const uint32_t i = begins + threadIdx.x % 32;
     SetFound<kSink>(args, i < kept ? found[i] : uint2{0, 0}, room);
   }
   __syncthreads();
-  // Warps take what is left as they come to it: rows first, which take longest.
+  // Dynamic scheduling of the remaining work over warps: rows first, since they take longest.
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
   const uint32_t row_turns = (row_count + 31) / 32, turns = row_turns + (octant_count + 31) / 32;
   for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {

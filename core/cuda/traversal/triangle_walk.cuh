@@ -1,15 +1,16 @@
-// The kernels that take every triangle's rows of voxels to an operation: sets bits, counts or emits fragments.
+// Kernels that enumerate the rows of voxels of all triangles and pass them to an operation, which sets bits, counts or
+// emits fragments.
 //
-// Three classes share the work. The first kernel looks at boxes alone: a triangle whose box is a row of voxels is done
-// at once (the run class of raster/triangle_setup.h), others go to one of two queues. The second gives each small
-// triangle a thread. The third takes the rest: lanes of a warp set up a triangle each, in shared memory, and then all
-// share the rows of each. The largest are shared by all warps.
+// Work is divided by triangle size. The first kernel looks at bounding boxes only: a triangle whose box is a row of
+// voxels is done at once (the run class of raster/triangle_setup.h), others go to one of two queues. The second kernel
+// processes small triangles, one thread each. The third processes the rest: lanes of a warp set up one triangle each in
+// shared memory, then the warp shares the rows of each. The largest are shared by all warps, in a fourth kernel.
 //
 // An operation has
-//   Begin(t), Row(y, z, x_begin, x_end), End(t)     rows of one triangle in the hands of one thread
-//   SharedRow(t, y, z, x_begin, x_end)              rows in the hands of many
-//   Finish()                                        once a thread at the end of a kernel, all threads of a warp together
-//   repeats()                                       whether the queues stand already, from another operation's walk
+//   Begin(t), Row(y, z, x_begin, x_end), End(t)     rows of a triangle that one thread processes
+//   SharedRow(t, y, z, x_begin, x_end)              rows of a triangle that several threads share
+//   Finish()                                        per thread at the end of a kernel, with the warp converged
+//   repeats()                                       true if the queues are filled already, by an earlier operation
 // No host-only includes: NVRTC compiles them too.
 #pragma once
 
@@ -22,24 +23,24 @@ namespace voxelpipe::cuda {
 inline constexpr int kRunThreads = 256, kSmallThreads = 128, kRestThreads = 128;
 inline constexpr int kSetupsOfWarp = 16, kSetupsOfBlock = 32;  // in shared memory, of WalkRest and WalkLarge
 inline constexpr int kRowsOfRun = 32, kRowsOfThread = 12;
-inline constexpr uint64_t kRowsOfWarp = 8192;  // a triangle with more is shared by all warps
+inline constexpr uint64_t kRowsOfWarp = 8192;  // the maximum for one warp; all warps share larger triangles
 
 struct WalkArgs {
-  GridView grid;  // rows outside its slab are left out
+  GridView grid;  // rows outside its slab are skipped
   Coverage coverage{};
   const uint32_t* triangles = nullptr;
   const Vec3d* positions = nullptr;  // index space
   const VertexCode* codes = nullptr;
   uint64_t triangle_count = 0;
-  // Triangles that wait, room for all of them in each. Small ones with at most two rows along y and along z stand in
-  // the first queue from its begin on, the others from its end on: a warp whose triangles are alike wastes less.
+  // Queues of deferred triangles, each with capacity for all. Small triangles with at most two rows along y and along z
+  // are queued from the front of small_queue, others from the back: warps diverge less if their triangles are alike.
   uint32_t *small_queue = nullptr, *rest_queue = nullptr, *large_queue = nullptr;
   uint64_t* queued =
-      nullptr;  // how many wait: in the rest's, the large's, the least small, the other small; 0 before the first kernel
+      nullptr;  // lengths: rest, large, small with at most two rows per axis, other small; 0 before the first kernel
 };
 
-// Of a triangle: the grid that it is walked in, whose slab clips it, and its coverage. Here the same for all; a batch
-// has its own (batch_views.h).
+// The grid, whose slab clips the triangle, and the coverage of a triangle. The same for all triangles here; in a batch
+// they depend on the item (batch_views.h).
 __device__ inline const GridView& GridOf(const WalkArgs& args, uint32_t) {
   return args.grid;
 }
@@ -58,7 +59,7 @@ __device__ inline CodedBox LoadBox(const VertexCode* codes, const Corners& c) {
   return DecodeBox(codes[c.v[0]], codes[c.v[1]], codes[c.v[2]]);
 }
 
-// The box within a range; false if it is empty.
+// Clips a box; false if it is empty.
 __device__ inline bool Clip(const CodedBox& box, const Box32& within, Box32& clipped) {
   bool empty = false;
   for (int i = 0; i < 3; ++i) {
@@ -73,14 +74,13 @@ __device__ inline Box32 SlabBox(const GridView& grid) {
   return {{0, 0, int(grid.slab_begin)}, {int(grid.dims[0]), int(grid.dims[1]), int(grid.slab_end)}};
 }
 
-// Whether all voxels of the box belong to the triangle: the run class.
+// True for the run class: the triangle touches all voxels of its box.
 __device__ inline bool IsRun(const CodedBox& box, Coverage coverage) {
   const int single = (box.first[0] == box.last[0]) + (box.first[1] == box.last[1]) + (box.first[2] == box.last[2]);
   return coverage == Coverage::kConservative && single >= 2;
 }
 
-// SetUpTriangle of a narrow triangle under conservative or thin coverage, whose box is known; false if it is not
-// narrow.
+// SetUpTriangle for a narrow triangle with a known box, under conservative or thin coverage. False if it is not narrow.
 __device__ inline bool SetUpNarrow(const Vec3d* positions, Coverage coverage, const Corners& c, const CodedBox& box,
                                    SpanBounds<float>& bounds) {
   using namespace setup_internal;
@@ -96,22 +96,22 @@ __device__ inline bool SetUpNarrow(const Vec3d* positions, Coverage coverage, co
   return true;
 }
 
-// A set-up triangle in shared memory.
+// A triangle setup in shared memory.
 struct SharedSetup {
   union {
     SpanBounds<float> narrow;
     SpanBounds<double> wide;
   };
   Vec3d base;
-  int begin[3], end[3];  // its box within the range asked for
-  int cell[3];           // base, of a narrow triangle; of others where that is near
+  int begin[3], end[3];  // its box, clipped to the requested range
+  int cell[3];           // integer base of a narrow triangle; of others if it is in range
   uint32_t ny;
   float one_over_ny;
   uint32_t triangle;
   SpanClass span_class;
 };
 
-// A TriangleSetup whose bounds are made where they are to lie: a copy would go through local memory.
+// A TriangleSetup with references to its destination: a copy would go through local memory.
 struct SetupInPlace {
   SpanBounds<float>& narrow;
   SpanBounds<double>& wide;
@@ -119,7 +119,7 @@ struct SetupInPlace {
   Vec3d base, box_first, box_last;
 };
 
-// The same made by kBoundsParts neighbouring lanes, this one's part.
+// The part of a setup that one of kBoundsParts adjacent lanes computes.
 struct SetupInParts {
   BoundsPart<float> narrow;
   BoundsPart<double> wide;
@@ -127,13 +127,13 @@ struct SetupInParts {
   Vec3d base, box_first, box_last;
 };
 
-// All of a shared set-up but its bounds, where `writes`; the number of its rows within `within`.
+// Computes a shared setup except its bounds, and stores it if `writes`. Returns the number of its rows within `within`.
 template <typename Setup>
 __device__ inline uint64_t FinishShared(const Setup& s, const VoxelRange& within, uint32_t t, bool writes,
                                         SharedSetup& shared) {
   int begin[3], end[3];
   bool empty = false;
-  for (int i = 0; i < 3; ++i) {  // as ClipToRange
+  for (int i = 0; i < 3; ++i) {  // as in ClipToRange
     const auto lo = double(int(within.begin[i])), hi = double(int(within.end[i]));
     begin[i] = int(Clamp(s.box_first[i], lo, hi));
     end[i] = int(Clamp(s.box_last[i] + 1, lo, hi));
@@ -155,7 +155,7 @@ __device__ inline uint64_t FinishShared(const Setup& s, const VoxelRange& within
   return empty ? 0 : uint64_t(ny) * uint64_t(end[2] - begin[2]);
 }
 
-// Sets up triangle t, which has these corners; the number of its rows within `within`.
+// Sets up triangle t from its corners. Returns the number of its rows within `within`.
 __device__ inline uint64_t SetUpShared(const Vec3d (&corners)[3], Coverage coverage, const VoxelRange& within,
                                        uint32_t t, SharedSetup& shared) {
   SetupInPlace s{shared.narrow, shared.wide, SpanClass::kRun, {}, {}, {}};
@@ -168,8 +168,8 @@ __device__ inline uint64_t SetUpShared(const Vec3d* positions, const uint32_t* t
   const Vec3d corners[3] = {positions[c.v[0]], positions[c.v[1]], positions[c.v[2]]};
   return SetUpShared(corners, coverage, within, t, shared);
 }
-// The same by kBoundsParts neighbouring lanes of a block, the first of which has a number that they divide; to each of
-// them.
+// The same by kBoundsParts adjacent lanes of a block; the first lane's index is a multiple of kBoundsParts. Returns the
+// number to each of them.
 __device__ inline uint64_t SetUpSharedInParts(const Vec3d (&corners)[3], Coverage coverage, const VoxelRange& within,
                                               uint32_t t, SharedSetup& shared) {
   const int part = int(threadIdx.x) % kBoundsParts;
@@ -178,18 +178,17 @@ __device__ inline uint64_t SetUpSharedInParts(const Vec3d (&corners)[3], Coverag
   return FinishShared(s, within, t, part == 0, shared);
 }
 
-// A layer of a shared set-up.
+// A layer of a shared setup.
 template <typename Real>
 __device__ inline Layer<Real> SharedLayer(const SpanBounds<Real>& bounds, const SharedSetup& s, int z) {
   return ComputeLayer(bounds, Real(double(z) - s.base.z));
 }
-// The same of a narrow triangle, which is at most some 34 voxels long: its box tells that 32 bits do.
+// The same for a narrow triangle, which is at most about 34 voxels long: 32 bits suffice.
 __device__ inline Layer<float> SharedLayer(const SpanBounds<float>& bounds, const SharedSetup& s, int z) {
   return ComputeLayer(bounds, float(z - s.cell[2]));
 }
 
-// One row of a layer, neither of whose intervals is empty, within the set-up's box: false if the triangle does not
-// touch it.
+// A row of a layer with non-empty intervals, within the setup's box. False if the triangle does not touch it.
 template <typename Real>
 __device__ inline bool RowOfLayer(const SpanBounds<Real>& bounds, const Layer<Real>& layer, const SharedSetup& s, int y,
                                   int& x_begin, int& x_end) {
@@ -221,9 +220,9 @@ __device__ inline bool SharedRowOf(const SpanBounds<Real>& bounds, const SharedS
   return !layer.y.empty() && !layer.x.empty() && RowOfLayer(bounds, layer, s, y, x_begin, x_end);
 }
 
-// Row number `row` of a shared set-up; false if the triangle does not touch it.
+// Row number `row` of a shared setup. False if the triangle does not touch it.
 __device__ inline bool SharedRowSpan(const SharedSetup& s, uint32_t row, int& y, int& z, int& x_begin, int& x_end) {
-  // row / ny by the reciprocal, which is off by one at most: rows are fewer than 2^24, or the division is done.
+  // row / ny by a multiplication with the reciprocal, which is off by at most one below 2^24; else by a division.
   uint32_t layer = row < (1u << 24) ? uint32_t(float(row) * s.one_over_ny) : row / s.ny;
   if (layer * s.ny > row) --layer;
   if (row - layer * s.ny >= s.ny) ++layer;
@@ -236,7 +235,7 @@ __device__ inline bool SharedRowSpan(const SharedSetup& s, uint32_t row, int& y,
                                             : SharedRowOf(s.wide, s, y, z, x_begin, x_end);
 }
 
-// A triangle a thread, by its box.
+// First kernel: one thread per triangle, by its box.
 template <typename Op, typename Args = WalkArgs>
 __global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ Args args, Op op) {
   __shared__ unsigned long long room[3][kRunThreads / 32 + 1];
@@ -259,7 +258,7 @@ __global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ 
       }
     }
   }
-  // The barriers come before the rows, whose atomics take long. One atomic a block and queue, all at once.
+  // Barriers come before the rows, whose atomics are slow. One atomic per block and queue, all at once.
   const unsigned lane = threadIdx.x % 32, warp = threadIdx.x / 32;
   const unsigned waiting[3] = {__ballot_sync(~0u, what == kRest), __ballot_sync(~0u, what == kLeast),
                                __ballot_sync(~0u, what == kSmall)};
@@ -298,10 +297,11 @@ __global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ 
   op.Finish();
 }
 
-// The small triangles, a thread each; what is not narrow goes on to the rest.
+// Second kernel: one thread per small triangle. Triangles that are not narrow are appended to the rest queue.
 template <typename Op, typename Args = WalkArgs>
 __global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_constant__ Args args, Op op) {
-  const uint64_t least = (args.queued[2] + 31) / 32 * 32, other = args.queued[3];  // no warp has both
+  // rounded up: no warp processes both kinds
+  const uint64_t least = (args.queued[2] + 31) / 32 * 32, other = args.queued[3];
   const uint64_t threads = uint64_t(gridDim.x) * kSmallThreads;
   for (uint64_t i = uint64_t(blockIdx.x) * kSmallThreads + threadIdx.x; i < least + other; i += threads) {
     if (i >= args.queued[2] && i < least) continue;
@@ -325,8 +325,8 @@ __global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_const
   op.Finish();
 }
 
-// The rest: half a warp's lanes set up a triangle each, then all share the rows of each. The largest wait for
-// WalkLarge.
+// Third kernel: half of a warp's lanes set up one triangle each, then the warp shares the rows of each. The largest are
+// deferred to WalkLarge.
 template <typename Op, typename Args = WalkArgs>
 __global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constant__ Args args, Op op) {
   extern __shared__ double setups[];
@@ -334,7 +334,7 @@ __global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constan
   auto* const shared = reinterpret_cast<SharedSetup*>(setups) + warp_of_block * kSetupsOfWarp;
   const uint64_t count = args.queued[0];
   const uint64_t warps = uint64_t(gridDim.x) * (kRestThreads / 32);
-  // Few triangles are spread over all warps, many are taken together.
+  // Few triangles are spread over all warps; many are processed in groups.
   const uint64_t each = min(uint64_t{kSetupsOfWarp}, (count + warps - 1) / warps);
   const uint64_t warp = uint64_t(blockIdx.x) * (kRestThreads / 32) + uint64_t(warp_of_block);
   for (uint64_t begin = warp * each; begin < count; begin += warps * each) {
@@ -364,7 +364,7 @@ __global__ void __launch_bounds__(kRestThreads, 6) WalkRest(const __grid_constan
   op.Finish();
 }
 
-// The largest, one after the other, each by all threads.
+// Fourth kernel: the largest triangles one after the other, each by all threads.
 template <typename Op, typename Args = WalkArgs>
 __global__ void __launch_bounds__(kRestThreads, 6) WalkLarge(const __grid_constant__ Args args, Op op) {
   extern __shared__ double setups[];

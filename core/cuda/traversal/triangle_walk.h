@@ -8,7 +8,7 @@
 
 namespace voxelpipe::cuda {
 
-// The arguments for the slab at work; the queues get their room. state.counters kQueued0 to kQueued3 are to be 0.
+// Arguments for the current slab; sizes the queues. state.counters kQueued0 to kQueued3 must be 0.
 inline absl::StatusOr<WalkArgs> MakeWalkArgs(RunState& state) {
   const uint64_t triangles = state.mesh.host_view.triangle_count;
   for (auto& queue : state.queue) {
@@ -28,7 +28,7 @@ inline absl::StatusOr<WalkArgs> MakeWalkArgs(RunState& state) {
   return args;
 }
 
-// Walks all triangles. An operation that repeats another one's walk finds the queues as that one left them.
+// Passes all triangles to an operation. An operation that repeats an earlier traversal uses the queues that it filled.
 template <typename Op, typename Args>
 absl::Status WalkOn(const DeviceInfo& device, cudaStream_t stream, const Args& args, const Op& op,
                     bool skip_runs = false) {
@@ -47,7 +47,7 @@ absl::Status WalkOn(const DeviceInfo& device, cudaStream_t stream, const Args& a
   WalkRest<<<blocks_for(4, processors * 6), kRestThreads, kOfRest, stream>>>(args, op);
   VOXELPIPE_LAUNCHED_OR_RETURN("WalkRest");
   constexpr int kOfLarge = kSetupsOfBlock * int(sizeof(SharedSetup));
-  static_assert(kOfRest <= 48 << 10 && kOfLarge <= 48 << 10);  // more must be asked for
+  static_assert(kOfRest <= 48 << 10 && kOfLarge <= 48 << 10);  // more needs an opt-in
   WalkLarge<<<processors * 6, kRestThreads, kOfLarge, stream>>>(args, op);
   VOXELPIPE_LAUNCHED_OR_RETURN("WalkLarge");
   return absl::OkStatus();

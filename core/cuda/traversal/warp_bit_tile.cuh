@@ -1,6 +1,6 @@
-// Voxels that a warp's triangles touch, in shared memory: neighbours in a mesh touch the same words of the grid, which
-// then go there once. A box of rows, each of them a word from the box's first voxel on, so that no row of a triangle is
-// cut in two. No host-only includes.
+// Per-warp tile of voxel bits in shared memory: neighbours in a mesh touch the same words of the grid, which are then
+// written once. The tile is a box of rows; each row is a 32-bit word that starts at the box's first voxel, so that no
+// row of a triangle is split. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/warp_reduce.cuh"
@@ -8,20 +8,20 @@
 
 namespace voxelpipe::cuda {
 
-// A warp's, for triangles in so many rows.
+// The tile of a warp, for triangles within kRows rows.
 template <uint32_t kRows>
 struct RowBoxOf {
   alignas(16) uint32_t rows[kRows];
-  int first[3];  // voxel
+  int first[3];  // first voxel
   uint32_t size_y, count;
 };
-// Of RowKernel. So many that its blocks leave the L1 cache what those of CellKernel do; 128 and 512 are some 3 %
+// For RowKernel. The size leaves its blocks as much L1 cache as those of CellKernel; 128 and 512 rows are about 3 %
 // slower.
 using RowBox = RowBoxOf<336>;
-// Of octants in CellKernel, whose rows are zero between uses.
+// For 2x2x2 masks in CellKernel; its rows are zero between uses.
 using OctantBox = RowBoxOf<128>;
 
-// All lanes call it, and __syncwarp before FitRows.
+// Clears the tile. All lanes call it, then __syncwarp before FitRows.
 template <uint32_t kRows>
 __device__ inline void ClearRows(RowBoxOf<kRows>& box) {
   for (uint32_t i = threadIdx.x % 32; i < kRows / 4; i += 32) {
@@ -29,18 +29,18 @@ __device__ inline void ClearRows(RowBoxOf<kRows>& box) {
   }
 }
 
-// Where a row lies in a RowBox; the same in all lanes.
+// The layout of a tile; uniform over the warp.
 struct RowPlace {
   int x = 0, offset = 0;
-  int pitch = 0;  // of layers; 0: the triangles reach too far, and their bits are set in the grid
+  int pitch = 0;  // rows per layer; 0: the triangles do not fit, and their bits are set in the grid
 
   __device__ bool fits() const { return pitch != 0; }
   // The row of a voxel.
   __device__ uint32_t RowOf(const int (&voxel)[3]) const { return uint32_t(offset + voxel[1] + voxel[2] * pitch); }
 };
 
-// The box of what the lanes with `has` reach, voxels [begin, end) of the grid. All lanes call it, when the rows are
-// clear and __syncwarp.
+// Lays out the tile for the bounding box of voxels [begin, end) of the lanes with `has`. All lanes call it, after the
+// rows are cleared and __syncwarp.
 template <uint32_t kRows>
 __device__ inline RowPlace FitRows(RowBoxOf<kRows>& box, bool has, const int (&begin)[3], const int (&end)[3]) {
   uint32_t least[3], size[3];
@@ -63,13 +63,13 @@ __device__ inline RowPlace FitRows(RowBoxOf<kRows>& box, bool has, const int (&b
   return place;
 }
 
-// i / n of numbers of up to a thousand; `inverse`: 1 / n, to 2^-22.
+// i / n for numbers up to 1,000; `inverse`: 1 / n with an error of at most 2^-22.
 __device__ inline uint32_t DivideSmall(uint32_t i, float inverse) {
   return uint32_t((float(i) + 0.5f) * inverse);
 }
 
-// Brings the rows to the grid and clears them. All lanes call it, when all have set theirs and __syncwarp, and
-// __syncwarp before any sets rows again.
+// Writes the rows to the grid and clears them. All lanes call it, after all have set their rows and __syncwarp; another
+// __syncwarp must follow before rows are set again.
 template <uint32_t kRows>
 __device__ inline void StoreRows(const BitArgs& args, RowBoxOf<kRows>& box) {
   const uint32_t count = box.count, size_y = box.size_y;
