@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kThreads = 256;
 
-// Clears the bricks' places and the queues.
+// Clears the slot table of bricks, and the queues.
 __global__ void __launch_bounds__(kThreads) ClearPool(const __grid_constant__ BitArgs args) {
   AllowNext();
   if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
@@ -27,8 +27,8 @@ __global__ void __launch_bounds__(kThreads) ClearPool(const __grid_constant__ Bi
 
 constexpr int kPartThreads = 256, kPartWarps = kPartThreads / 32;
 
-// A warp a part, in their order: blocks that took one after the other would drift apart, and memory takes what lies
-// together a third faster.
+// One warp per tile, in launch order: with persistent blocks, warps would drift apart; memory writes of adjacent tiles
+// are a third faster.
 template <bool kQuads>
 __global__ void __launch_bounds__(kPartThreads, 2048 / kPartThreads) StorePool(const __grid_constant__ BitArgs args) {
   __shared__ PartRoom rooms[kPartWarps];

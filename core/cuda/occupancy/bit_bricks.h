@@ -1,4 +1,4 @@
-// Plain bits by way of bricks (bit_bricks.cuh).
+// Occupancy bits by way of bricks (bit_bricks.cuh). Included by .cu files only.
 #pragma once
 
 namespace voxelpipe::cuda {
@@ -7,13 +7,13 @@ struct BitArgs;
 class LaunchList;
 struct RunState;
 
-// In a grid many times larger than the cache: whether bits are set in bricks first, and the room for that: as many
-// places as there are bricks, of which only those that are given are touched. Where triangles are smaller CellKernel
-// issues instructions nearly all the time, and looking bricks up takes longer than memory does.
+// True if the grid is many times larger than the L2 cache and bits should be set in bricks first; allocates the pool,
+// with a slot for every brick, of which only allocated ones are touched. Not for smaller triangles: CellKernel is then
+// limited by instruction issue, and brick lookups cost more than memory accesses.
 bool MakeBitPool(RunState& state, BitArgs& args);
-// Adds the kernel that clears the bricks' places, and the queues of what waits. CellKernel may begin early behind it.
+// Adds the kernel that clears the slot table and the queues. CellKernel may follow by programmatic dependent launch.
 void AddClearPool(const RunState& state, const BitArgs& args, LaunchList& list);
-// Adds the one that writes all words of the grid, when CellKernel has drawn in bricks.
+// Adds the kernel that writes all words of the grid from the bricks, after CellKernel.
 void AddStorePool(const RunState& state, const BitArgs& args, LaunchList& list);
 
 }  // namespace voxelpipe::cuda

@@ -1,9 +1,10 @@
-// Plain bits of grids larger than the L2 cache, where triangles are few and large: lists of those that meet each piece.
+// Occupancy bits in grids larger than the L2 cache with few large triangles: bins triangles by grid blocks ("pieces" in
+// the code).
 //
-// An atomic on a word outside of the cache brings its sector from memory, though it has just been cleared. Here the
-// grid is cut into pieces, 8x8 rows of so many words, and each triangle is listed with those that its box meets. Then a
-// block takes a piece, draws it and stores it (block_raster.cuh). A triangle that finds a full list is drawn afterwards
-// by atomics (large_triangles.cuh). No host-only includes.
+// An atomic on an uncached word reads its sector from memory, although it was just cleared. So the grid is divided into
+// blocks of 8x8 rows of kPieceWords words, and each triangle is added to the bins of the grid blocks that its box
+// intersects. Then a thread block rasterizes a grid block in shared memory and stores it (block_raster.cuh). Triangles
+// that overflow a bin are drawn afterwards by atomics (large_triangles.cuh). No host-only includes.
 #pragma once
 
 #include "cuda/primitives/dependent_launch.cuh"
@@ -14,22 +15,23 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kBinThreads = 64;
 inline constexpr int kPieceWords = 32;
-inline constexpr uint32_t kBinRoom = 256;   // triangles of a list
-inline constexpr uint32_t kMaxLarge = 256;  // that every piece looks at, where there are no lists
+inline constexpr uint32_t kBinRoom = 256;   // capacity of a bin in triangles
+inline constexpr uint32_t kMaxLarge = 256;  // triangles that every grid block tests if there are no bins
 
-// Lists of triangles; or none, and every piece looks at few, which alone are set up: args.largest, or where there are
-// none the first of the large queue, up to kMaxLarge.
+// Bins of triangles; or none, and every grid block tests a few triangles, the only ones that are set up: args.largest,
+// or else the first kMaxLarge of the large queue.
 struct Bins {
-  uint32_t dims[3] = {0, 0, 0};     // pieces
-  uint32_t z_begin = 0, z_end = 0;  // along z, those that are stored: the others lie before or behind the whole mesh
-  SharedSetup* set_up = nullptr;    // of every triangle
+  uint32_t dims[3] = {0, 0, 0};  // number of grid blocks
+  // range of grid blocks along z that are stored; the others do not intersect the mesh
+  uint32_t z_begin = 0, z_end = 0;
+  SharedSetup* set_up = nullptr;  // setup of every triangle
   uint32_t* counts =
-      nullptr;  // of triangles that meet a piece, also those that found no room; in whole units of 16 bytes
-  uint32_t* triangles = nullptr;   // kBinRoom a piece
-  uint32_t* overflowed = nullptr;  // a bit a triangle; cleared with the counts, behind them
+      nullptr;  // number of triangles per grid block, including those that overflow; padded to a multiple of 16 bytes
+  uint32_t* triangles = nullptr;   // kBinRoom per grid block
+  uint32_t* overflowed = nullptr;  // a bit per triangle; cleared with `counts`, which it follows
 };
 
-// The pieces that a set-up triangle's box meets.
+// The grid blocks that a triangle's box intersects.
 struct PieceBox {
   uint32_t first[3], size[3];
   __device__ uint32_t count() const { return size[0] * size[1] * size[2]; }
@@ -45,7 +47,7 @@ __device__ inline PieceBox PiecesOf(const SharedSetup& s, int slab_begin) {
   return box;
 }
 
-// Lists a triangle with a piece. Where there is no room the triangle goes to the layer queue, once.
+// Adds a triangle to a bin. If the bin is full the triangle goes to the layer queue, once.
 __device__ inline void AddToBin(const BitArgs& args, const Bins& bins, uint32_t piece, uint32_t t) {
   const uint32_t at = atomicAdd(bins.counts + piece, 1u);
   if (at < kBinRoom) {
@@ -57,8 +59,8 @@ __device__ inline void AddToBin(const BitArgs& args, const Bins& bins, uint32_t 
   args.layer_queue[atomicAdd(reinterpret_cast<unsigned long long*>(args.queued + kLayerQueue), 1ull)] = t;
 }
 
-// False where none of the eight layers from z on has a row among the eight from y on. Bounds of y are sums and products
-// of z, each rounded once: what lies between two layers has bounds between theirs.
+// False if the triangle has no row among rows y to y + 7 of layers z to z + 7. Bounds of y are sums and products of z,
+// each rounded once, so they are monotonic: layers in between have bounds in between.
 template <typename Real>
 __device__ inline bool MayMeet(const SpanBounds<Real>& bounds, Real y, Real z) {
   const Real z_last = z + Real(kPieceEdge - 1);
@@ -76,8 +78,8 @@ __device__ inline bool MayMeet(const SharedSetup& s, int y, int z) {
   return true;
 }
 
-// Sets up all triangles and lists them, by warp `warp` of `warps`, which has room for 32. `kFew`: no warp has more than
-// kMaxInParts. Waits for earlier kernels.
+// Sets up all triangles and adds them to bins, by warp `warp` of `warps`, with shared memory for 32. `kFew`: no warp
+// has more than kMaxInParts triangles. Waits for earlier kernels.
 template <bool kFew>
 __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t warp, uint64_t warps,
                                 SharedSetup* shared) {
@@ -123,7 +125,7 @@ __device__ inline void FillBins(const BitArgs& args, const Bins& bins, uint64_t 
     }
     __syncwarp();
   }
-  AwaitEarlier();  // also where there was nothing
+  AwaitEarlier();  // also without triangles
 }
 
 }  // namespace voxelpipe::cuda

@@ -1,6 +1,6 @@
-// Plain bits, piece by piece: a block draws the triangles that meet a piece of the grid in shared memory and stores it,
-// so that every word of the grid is written once. The triangles are listed (block_bins.cuh), or a few that every piece
-// looks at. No host-only includes.
+// Occupancy bits block by block: a thread block rasterizes the triangles that intersect a block of the grid ("piece" in
+// the code) in shared memory and stores it, so that every word of the grid is written once. The triangles come from
+// bins (block_bins.cuh), or are a few that every grid block tests. No host-only includes.
 #pragma once
 
 #include "cuda/occupancy/block_bins.cuh"
@@ -8,16 +8,17 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kPieceRows = kPieceEdge * kPieceEdge;
-inline constexpr int kPiecePitch = kPieceWords + 4;  // in shared memory: rows begin in different banks, and on 16 bytes
-inline constexpr uint32_t kDrawnAtOnce = 32 / kPieceEdge;  // triangles of a warp
+// in shared memory: padded against bank conflicts, rows aligned to 16 bytes
+inline constexpr int kPiecePitch = kPieceWords + 4;
+inline constexpr uint32_t kDrawnAtOnce = 32 / kPieceEdge;  // triangles per warp and iteration
 
 struct StoreRoom {
   alignas(16) uint32_t words[kPieceRows * kPiecePitch];
-  uint32_t list[kMaxLarge];  // of the piece
+  uint32_t list[kMaxLarge];  // triangles of the grid block
   uint32_t count;
 };
 
-// Where there are lists: layers, and set-ups of listed triangles, which a warp draws a few of at a time.
+// With bins: layers, and the setups of a few triangles that a warp draws at a time.
 template <int kThreads>
 struct ListedRoom {
   alignas(16) uint32_t words[kPieceRows * kPiecePitch];
@@ -35,23 +36,21 @@ struct StoreRoomType<true, kThreads> {
 template <bool kListed, int kThreads>
 using StoreRoomFor = typename StoreRoomType<kListed, kThreads>::Type;
 
-// False where a set-up triangle does not meet the piece whose first row is y of layer z and whose voxels are [x, x +
-// width).
+// False if a triangle does not intersect the grid block with first row y, first layer z and voxels [x, x + width).
 __device__ inline bool MeetsPiece(const SharedSetup& s, int x, int y, int z, int width) {
   return s.begin[0] < x + width && s.end[0] > x && s.begin[1] < y + kPieceEdge && s.end[1] > y &&
          s.begin[2] < z + kPieceEdge && s.end[2] > z && MayMeet(s, y, z);
 }
 
-// By all threads of a block.
+// Called by all threads of a block.
 template <int kThreads>
 __device__ inline void ClearPiece(uint32_t* words) {
   const auto quads = reinterpret_cast<uint4*>(words);
   for (int i = int(threadIdx.x); i < kPieceRows * kPiecePitch / 4; i += kThreads) quads[i] = uint4{0, 0, 0, 0};
 }
 
-// Lists those of `large` set-up triangles that may meet the piece whose first row is y of layer z and whose voxels are
-// [x, x + width); how many those are. The room's words are cleared then, if there are any. All threads of a block call
-// it.
+// Lists those of `large` triangles that may intersect the grid block with first row y, first layer z and voxels [x, x +
+// width). Returns their number. Clears the words in shared memory if it is not 0. All threads of a block call it.
 template <int kThreads>
 __device__ inline uint32_t ListLarge(const Bins& bins, uint32_t large, int x, int y, int z, int width,
                                      StoreRoom& room) {
@@ -66,11 +65,11 @@ __device__ inline uint32_t ListLarge(const Bins& bins, uint32_t large, int x, in
   return room.count;
 }
 
-// Sets voxels [x_begin, x_end) of a row in shared memory, one at least.
+// Sets voxels [x_begin, x_end) of a row in shared memory; not empty.
 __device__ inline void SetSharedRow(uint32_t* row, int x_begin, int x_end) {
   const int length = x_end - x_begin;
   uint32_t* word = row + x_begin / 32;
-  if (length <= 32) {  // as most often
+  if (length <= 32) {  // the usual case
     const uint64_t mask = uint64_t{~0u >> (32 - length)} << (x_begin % 32);
     atomicOr(word, uint32_t(mask));
     if (uint32_t(mask >> 32) != 0) atomicOr(word + 1, uint32_t(mask >> 32));
@@ -85,9 +84,9 @@ __device__ inline void SetSharedRow(uint32_t* row, int x_begin, int x_end) {
   atomicOr(last, mask & ~0u >> (31 - (x_end - 1) % 32));
 }
 
-// Brings set-ups of a warp's next triangles to shared memory, each by the eight lanes whose `t` it is; none of
-// kNoTriangle. All that they need is asked for at once: where it lies it would be waited for field by field. All
-// threads of the warp call it.
+// Copies the setups of a warp's next triangles to shared memory, each by the eight lanes whose `t` it is (kNoTriangle:
+// none). All loads are issued at once: reading fields from global memory would wait for each. All threads of the warp
+// call it.
 __device__ inline void FetchSetups(const Bins& bins, uint32_t t, SharedSetup* setups) {
   static_assert(sizeof(SharedSetup) % sizeof(uint4) == 0);
   constexpr uint32_t kQuads = sizeof(SharedSetup) / sizeof(uint4);
@@ -110,9 +109,9 @@ __device__ inline void FetchSetups(const Bins& bins, uint32_t t, SharedSetup* se
   __syncwarp();
 }
 
-// Draws the first `count` triangles of a list into the room's words, row (y, z) of the piece at kPiecePitch * (y +
-// 8*z). In: the grid's row and layer where the piece begins, its first voxel and how many there are. Warps take four
-// triangles at a time; all threads of the block call it, and a barrier is to follow.
+// Draws the first `count` triangles of a bin into shared memory, with row (y, z) of the grid block at kPiecePitch * (y
+// + 8*z). x, y, z: where the grid block starts; `width`: its voxels. Warps take four triangles at a time. All threads
+// of the block call it; a barrier must follow.
 template <int kThreads>
 __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, uint32_t count, int x, int y, int z,
                                  int width, ListedRoom<kThreads>& room) {
@@ -156,8 +155,8 @@ __device__ inline void DrawPiece(const Bins& bins, const uint32_t* triangles, ui
   }
 }
 
-// DrawPiece for triangles that fill most of it: a thread takes a layer, into cleared words. Most often no edge is near,
-// and the plane alone tells the rows.
+// DrawPiece for triangles that fill most of the grid block: a thread takes a layer, into cleared words. Usually no edge
+// is near, and the plane alone bounds the rows.
 template <int kThreads>
 __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, uint32_t count, int x, int y, int z,
                                   int width, uint32_t* words) {
@@ -168,7 +167,7 @@ __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, u
     const int of_piece = int(item % kPieceEdge);
     PieceLayer layer;
     const bool has = begins + lane < total && FindLayer(s, y, z + of_piece, layer);
-    // Where some lane needs edges, too, all take that way: they would wait for it.
+    // Uniform over the warp: if one lane needs edge tests all lanes do them, since they would wait for it.
     const bool plane_alone = __all_sync(~0u, !has || IsPlaneAlone(s, layer, y)) != 0;
     const auto set = [&](int row, int x_begin, int x_end) {
       x_begin = max(x_begin - x, 0);
@@ -184,12 +183,12 @@ __device__ inline void DrawLayers(const Bins& bins, const uint32_t* triangles, u
   }
 }
 
-// Writes piece (x, y, z) of the grid. `kQuads`: rows are whole units of 16 bytes; `kListed`: there are lists, or else
-// `large` set-up triangles. All threads of a block call it.
+// Writes grid block (x, y, z). `kQuads`: rows are a multiple of 16 bytes. `kListed`: triangles come from bins;
+// otherwise `large` triangles are tested. All threads of a block call it.
 template <bool kQuads, bool kListed, int kThreads>
 __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_t large, uint32_t x, uint32_t y,
                                   uint32_t z, StoreRoomFor<kListed, kThreads>& room) {
-  constexpr int kEach = kQuads ? 4 : 1, kUnits = kPieceWords / kEach;  // side by side along a row
+  constexpr int kEach = kQuads ? 4 : 1, kUnits = kPieceWords / kEach;  // accesses per row
   constexpr int kRowStep = kThreads / kUnits;
   const auto me = int(threadIdx.x);
   const auto words_per_row = int(args.grid.words_per_row), ny = int(args.grid.dims[1]);
@@ -242,7 +241,7 @@ __device__ inline void StorePiece(const BitArgs& args, const Bins& bins, uint32_
   }
 }
 
-// The same of all pieces along z that are stored; and zeros behind the last word of all, up to a whole unit.
+// Writes all grid blocks along z that are stored, and zeros after the last word of the grid up to 16 bytes.
 template <bool kQuads, bool kListed, int kThreads>
 __device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreRoomFor<kListed, kThreads>& room) {
   if (!kQuads && blockIdx.x == 0 && blockIdx.y == 0 && blockIdx.z == 0) ClearBehind(args);
@@ -252,7 +251,7 @@ __device__ inline void StorePieces(const BitArgs& args, const Bins& bins, StoreR
                                     : uint32_t(min(__ldg(args.queued + kLargeQueue), uint64_t{kMaxLarge}));
   }
   for (uint32_t z = bins.z_begin + blockIdx.z; z < bins.z_end; z += gridDim.z) {
-    if (z != bins.z_begin + blockIdx.z) __syncthreads();  // the room is free again
+    if (z != bins.z_begin + blockIdx.z) __syncthreads();  // the shared memory is free
     StorePiece<kQuads, kListed, kThreads>(args, bins, large, blockIdx.x, blockIdx.y, z, room);
   }
 }

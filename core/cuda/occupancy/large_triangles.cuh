@@ -1,8 +1,8 @@
-// Plain bits of one grid: triangles that small_triangles.cuh is not certain of, and those that are larger, by set-ups in
-// higher precision.
+// Occupancy bits of one grid, second step: triangles that are large, or for which the filter of small_triangles.cuh is
+// uncertain, by exact setups in higher precision.
 //
-//   WalkLayers  lanes of a warp set up a triangle each, exactly, then all share their layers
-//   WalkLarge   the largest: warps share their layers, lanes the rows of one
+//   WalkLayers  lanes of a warp set up one triangle each, then the warp shares the layers of all
+//   WalkLarge   the largest triangles: warps share their layers, lanes the rows of a layer
 // No host-only includes.
 #pragma once
 
@@ -10,10 +10,10 @@
 
 namespace voxelpipe::cuda {
 
-inline constexpr int kLayerLanes = 4;    // share a layer in WalkLayers: rows of one lie near each other in memory
-inline constexpr int kLargeSetups = 32;  // of a block, a lane each
+inline constexpr int kLayerLanes = 4;    // lanes per layer in WalkLayers: rows of a layer are close in memory
+inline constexpr int kLargeSetups = 32;  // per block
 
-// Rows offset, offset + step, ... of a layer of a set-up triangle.
+// Sets the bits of rows offset, offset + step, ... of a layer.
 template <typename Real>
 __device__ inline void WalkLayer(const BitArgs& args, const SpanBounds<Real>& bounds, const SharedSetup& s, int z,
                                  int offset, int step) {
@@ -29,7 +29,7 @@ __device__ inline void WalkLayer(const BitArgs& args, const SpanBounds<Real>& bo
     if (x_begin < x_end) SetRow(args, y, z, x_begin, x_end);
   }
 }
-// The same of a narrow triangle, which is at most some 34 voxels long: its box tells that 32 bits do.
+// The same for a narrow triangle, which is at most about 34 voxels long: 32 bits suffice.
 __device__ inline void WalkLayer(const BitArgs& args, const SpanBounds<float>& bounds, const SharedSetup& s, int z,
                                  int offset, int step) {
   const Layer<float> layer = ComputeLayer(bounds, float(z - s.cell[2]));
@@ -49,7 +49,7 @@ __device__ __noinline__ inline void WalkLayer(const BitArgs& args, const SharedS
   for (int y = s.begin[1] + offset; y < s.end[1]; y += step) SetRow(args, y, z, s.begin[0], s.end[0]);
 }
 
-// All layers of a warp's set-up triangles, each of whose lanes brings how many its own has.
+// Rasterizes all layers of a warp's triangles. `layers`: number of layers of the lane's triangle.
 template <int kSetups>
 __device__ inline void WalkSetUp(const BitArgs& args, const SharedSetup* shared, uint32_t layers) {
   const int lane = int(threadIdx.x % 32);
@@ -67,11 +67,11 @@ __device__ inline void WalkSetUp(const BitArgs& args, const SharedSetup* shared,
   __syncwarp();
 }
 
-// The layer queue, which has `count` triangles, by warp `warp` of `warps`, which has room for kSetups.
+// Processes the layer queue of `count` triangles, by warp `warp` of `warps`, with shared memory for kSetups.
 template <int kSetups>
 __device__ inline void WalkLayers(const BitArgs& args, uint64_t count, uint64_t warp, uint64_t warps,
                                   SharedSetup* shared) {
-  // Few triangles are spread over all warps, many are taken together.
+  // Few triangles are spread over all warps; many are processed in groups.
   const uint64_t each = min(uint64_t{kSetups}, (count + warps - 1) / warps);
   for (uint64_t begin = warp * each; begin < count; begin += warps * each) {
     const uint32_t* const queue = args.layer_queue + begin;
@@ -86,10 +86,10 @@ struct LargeRoom {
   uint32_t before[kLargeSetups + 1];
 };
 
-inline constexpr int kLargeThreads = kLargeSetups * kBoundsParts;  // of a block that calls WalkLarge
+inline constexpr int kLargeThreads = kLargeSetups * kBoundsParts;  // block size of kernels that call WalkLarge
 
-// The large queue, which has `queued` triangles, by block `block` of `blocks`. Batches of triangles are dealt to the
-// blocks; where those are more, several share one.
+// Processes the large queue of `queued` triangles, by block `block` of `blocks`. Batches of triangles are dealt to
+// blocks; if there are more blocks than batches, several blocks share one.
 __device__ inline void WalkLarge(const BitArgs& args, uint64_t queued, uint32_t block, uint32_t blocks,
                                  LargeRoom& room) {
   if (queued == 0) return;

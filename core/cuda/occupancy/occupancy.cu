@@ -1,5 +1,5 @@
-// Plain bits: rows of voxels set straight in the bit grid, without tiles. Atomic ORs set words; full words between them
-// are stored.
+// Occupancy bits: rasterizes triangles directly into the bit grid, without tiles. Atomic ORs set partial words; full
+// words between them are stored.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -19,13 +19,14 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr int kOrderedRounds = 1;  // of CellKernel where places count: fewer triangles are under way, in fewer places
-constexpr int kSharedRows = 2;     // lanes of FewKernel for a triangle's rows where they are shared
+// iterations of CellKernel if locality matters: fewer triangles in flight, in fewer places of the grid.
+constexpr int kOrderedRounds = 1;
+constexpr int kSharedRows = 2;  // lanes of FewKernel per triangle if rows are shared
 // Grids of so many bytes at most are cleared by the first blocks of either; larger ones are cleared sooner by a kernel
 // of their own.
-constexpr uint64_t kClearedByWalk = 4 << 20, kAssumedClearedByWalk = 8;  // the latter times an assumed cache
+constexpr uint64_t kClearedByWalk = 4 << 20, kAssumedClearedByWalk = 8;  // the latter times the assumed cache size
 
-// Blocks of a kernel that a multiprocessor of the current device runs at once; 0 where that cannot be found out.
+// Resident blocks of a kernel per multiprocessor of the current device; 0 if unknown.
 template <typename Kernel>
 int ResidentBlocks(Kernel* kernel, int threads) {
   int blocks = 0;
@@ -34,7 +35,7 @@ int ResidentBlocks(Kernel* kernel, int threads) {
   return 0;
 }
 
-// Blocks of AtOnceKernel that the device runs at once; 0 where they cannot wait for each other.
+// Resident blocks of AtOnceKernel on the device; 0 if it does not support cooperative launches.
 int BlocksAtOnce(const DeviceInfo& device) {
   static std::array<std::atomic<int>, 64> known{};
   return OfDevice(known, device, [&] {
@@ -52,13 +53,13 @@ bool ClearedByWalk(const BitArgs& args) {
   return args.quads * 16 <= (assumed > 0 ? std::min(kClearedByWalk, assumed * kAssumedClearedByWalk) : kClearedByWalk);
 }
 
-// The most triangles that all steps are done for in one launch.
+// Maximum number of triangles for which a single launch does all steps.
 uint64_t MostAtOnce(const RunState& state) {
   if (state.plan.path != Path::kOccupancy || AssumedCache() > 0) return 0;
   return uint64_t(BlocksAtOnce(state.device)) * (kAtOnceThreads / 32) * kAtOnceSetups;
 }
 
-// Whether the grid is worth ways around the cache: other runs than those of plain bits keep to the plain way.
+// True if the grid exceeds the L2 cache, so that paths that avoid uncached atomics pay off. Only for Path::kOccupancy.
 bool GoesAroundCache(const RunState& state, const BitArgs& args) {
   return state.plan.path == Path::kOccupancy && ExceedsCache(state.device, args.quads * 16);
 }
@@ -72,7 +73,7 @@ void CutIntoPieces(const BitArgs& args, Bins& bins) {
   bins.z_end = bins.dims[2];
 }
 
-// Leaves out pieces along z that the mesh's box does not reach, with some voxels to spare; one stays.
+// Excludes grid blocks along z that the mesh's box does not reach, with a margin of some voxels; keeps at least one.
 void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
   const auto layer = [&](const Vec3d& p) {
     return WorldToIndex(state.grid.index_space(), p).z - double(args.grid.slab_begin);
@@ -82,23 +83,23 @@ void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
   bins.z_end = uint32_t(Clamp(std::ceil((layer(state.box.max) + 3) / kPieceEdge), double(bins.z_begin) + 1, most));
 }
 
-// Unordered triangles are taken in Morton order in grids that exceed the cache so many times, and the largest of them
-// are drawn with the clearing in grids down to so many times smaller.
+// Unordered triangles are processed in Morton order if the grid exceeds the cache kCacheTimes-fold; their largest are
+// drawn during clearing if the grid exceeds 1/kCacheTimes of it.
 constexpr uint64_t kCacheTimes = 8;
 
-// Whether a grid is so large that what is drawn at a time should lie together.
+// True if the grid is so large that concurrent writes should be close together.
 bool KeepsToPlaces(const RunState& state, const BitArgs& args) {
   return ExceedsCache(state.device, args.quads * 16 / kCacheTimes);
 }
 
-// Whether the largest of scattered triangles are drawn while the grid is cleared: in small ones it takes longer to set
-// them up than it saves.
+// True if the largest triangles of an unordered mesh are drawn while the grid is cleared. In small grids their setup
+// costs more than it saves.
 bool DrawsLargest(const RunState& state, const BitArgs& args) {
   return state.plan.path == Path::kOccupancy && ExceedsCache(state.device, args.quads * 16 * kCacheTimes);
 }
 
-// Whether a grid is drawn by pieces, and the room for that. Not where the cache holds the most of it, nor where
-// triangles are small: more than eight to a piece of the grid's largest face.
+// True if the grid is rasterized by grid blocks; allocates the bins. Not if the cache holds most of the grid, nor for
+// small triangles: more than eight per grid block of the grid's largest face.
 bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   constexpr uint64_t kMaxTriangles = 1 << 18;
   if (!GoesAroundCache(state, args)) return false;
@@ -122,7 +123,7 @@ bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
   return true;
 }
 
-// What follows adds kernels to a list, which goes to the stream when it is whole.
+// The functions below append kernels to a list, which is launched when it is complete.
 
 template <bool kQuads, bool kListed, int kThreads>
 void AddStore(const RunState& state, const BitArgs& args, const Bins& bins, LaunchList& list) {
@@ -147,7 +148,7 @@ void AddStores(const RunState& state, const BitArgs& args, const Bins& bins, Lau
   } else if (args.triangle_count < pieces) {
     AddStore<true, true, 64>(state, args, bins, list);
   } else {
-    AddStore<true, true, 128>(state, args, bins, list);  // several triangles a piece
+    AddStore<true, true, 128>(state, args, bins, list);  // several triangles per grid block
   }
 }
 
@@ -158,7 +159,7 @@ void AddLayers(const RunState& state, const BitArgs& args, LaunchList& list) {
 
 void AddPieces(const RunState& state, const BitArgs& args, const Bins& bins, LaunchList& list) {
   const auto processors = unsigned(state.device.multiprocessors);
-  // Few blocks: BinKernel runs beside them.
+  // Few blocks, so that BinKernel runs concurrently.
   list.Add("ClearForBins", Begins::kBehind, processors * 4, kClearThreads, ClearForBins, args, bins);
   const unsigned blocks = processors * kBinBlocks;
   const bool few = args.triangle_count <= uint64_t{blocks} * (kBinThreads / 32) * kMaxInParts;
@@ -169,13 +170,13 @@ void AddPieces(const RunState& state, const BitArgs& args, const Bins& bins, Lau
 }
 
 void AddAtOnce(RunState& state, const BitArgs& args, int blocks, LaunchList& list) {
-  // The last counter of the queues is the barrier's: runs of plain bits put it to no other use.
+  // The grid barrier uses the last queue counter, which Path::kOccupancy does not use otherwise.
   auto* const arrived = reinterpret_cast<unsigned*>(state.counters.data() + kQueued3);
   list.Add("AtOnceKernel", Begins::kAtOnce, unsigned(blocks), kAtOnceThreads, AtOnceKernel, args, arrived);
 }
 
-// Clears the grid, with the largest triangles in it where there are such: so these take no access of memory but the
-// grid's own, where an atomic for each triangle's row takes one each.
+// Clears the grid, and draws the largest triangles into it if there are any: they then cost no memory traffic besides
+// the grid's own, whereas atomics cost one access per row of each triangle.
 absl::Status AddCleared(RunState& state, const BitArgs& args, LaunchList& list) {
   if (args.largest == nullptr) {
     AddClear(state, args, list);
@@ -196,7 +197,7 @@ auto* FewKernelFor(int row_lanes) {
   return row_lanes == kSharedRows ? FewKernel<kThin, kSharedRows> : FewKernel<kThin, 1>;
 }
 
-// Blocks of FewKernel that the device runs at once. Thin coverage and two lanes a triangle take no more room.
+// Resident blocks of FewKernel on the device. Thin coverage and two lanes per triangle need no more resources.
 uint64_t FewBlocksAtOnce(const DeviceInfo& device) {
   static std::array<std::atomic<int>, 64> known{};
   const int resident =
@@ -204,9 +205,9 @@ uint64_t FewBlocksAtOnce(const DeviceInfo& device) {
   return uint64_t(resident) * uint64_t(AssumedCache() > 0 ? 1 : device.multiprocessors);
 }
 
-// How many lanes of FewKernel share the rows of a triangle, where triangles are so few that all its blocks run at once;
-// 0 where they are not. More than one for triangles of many rows (of more than a voxel of the grid's largest face
-// each). More lanes, and other numbers of triangles a block, are slower.
+// Lanes of FewKernel that share the rows of a triangle; 0 if its blocks are not all resident. More than one for
+// triangles of many rows (on average more than one voxel of the grid's largest face each). More lanes, and other
+// numbers of triangles per block, are slower.
 int RowLanes(const RunState& state, const BitArgs& args) {
   if (args.packed != nullptr || args.pool.places != nullptr) return 0;
   const int64_t nx = args.grid.dims[0], ny = args.grid.dims[1], nz = args.grid.slab_end - args.grid.slab_begin;
@@ -216,7 +217,8 @@ int RowLanes(const RunState& state, const BitArgs& args) {
   return args.triangle_count <= at_once ? 1 : 0;
 }
 
-// Whether all triangles go by rows at once. Small grids are left to CellKernel and FewKernel, which clear them too.
+// True if all triangles are rasterized by rows at once. Small grids are left to CellKernel and FewKernel, which also
+// clear them.
 bool GoesByRows(RunState& state, const BitArgs& args) {
   return HasFixed(args) && !ClearedByWalk(args) && RowLanes(state, args) != kSharedRows && ManyGoByRows(state);
 }
@@ -244,7 +246,7 @@ void AddCells(RunState& state, BitArgs& args, LaunchList& list) {
   AddLayers(state, args, list);
 }
 
-// All kernels of a call. `args` is whole but for what depends on how the triangles are drawn.
+// Appends all kernels of a call. `args` is complete except for what depends on the chosen variant.
 absl::Status AddAll(RunState& state, BitArgs& args, LaunchList& list) {
   if (Bins bins; MakeBins(state, args, bins)) {
     AddPieces(state, args, bins, list);
@@ -292,7 +294,7 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   args.grid.slab_begin = z_begin;
   args.grid.slab_end = z_end;
   args.bits = bits;
-  args.quads = (words + 3) / 4;  // a DeviceArray ends on a whole one
+  args.quads = (words + 3) / 4;  // a DeviceArray is padded to whole units
   args.coverage = coverage;
   SetTriangles(state, args);
   for (int i = 0; i < kBitQueues; ++i) {
@@ -304,7 +306,7 @@ absl::Status RasterRows(RunState& state, Coverage coverage, int64_t z_begin, int
   LaunchList list;
   VOXELPIPE_OK_OR_RETURN(AddAll(state, args, list));
   absl::Status launched = state.graphs.Launch(list, state.device.ordinal, state.stream);
-  if (!launched.ok()) {  // the last kernels did not leave behind what they should have
+  if (!launched.ok()) {  // the last kernels may not have reset their counters
     (void)ClearCounters(state, {kCleared, kQueued3});
   }
   return launched;

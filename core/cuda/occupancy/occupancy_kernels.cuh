@@ -1,5 +1,5 @@
-// The kernels of plain bits of one grid: how what small_triangles.cuh, resident_mesh.cuh, large_triangles.cuh, block_bins.cuh and
-// block_raster.cuh have is shared out to blocks. Which of them a call takes, occupancy.cu says; RowKernel is in
+// Kernels for occupancy bits of one grid: distribute the work of small_triangles.cuh, resident_mesh.cuh,
+// large_triangles.cuh, block_bins.cuh and block_raster.cuh over blocks. occupancy.cu selects them; RowKernel is in
 // row_kernel.cu. No host-only includes.
 #pragma once
 
@@ -14,15 +14,15 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kClearThreads = 256;
-inline constexpr int kCellBlocks = 8;  // of CellKernel or FewKernel on a multiprocessor at once
+inline constexpr int kCellBlocks = 8;  // resident blocks of CellKernel or FewKernel per multiprocessor
 
-// By all threads of the first `blocks` of the grid.
+// Clears 16-byte units, with all threads of the first `blocks` blocks of the grid.
 __device__ inline void ClearQuads(uint32_t* words, uint64_t begin, uint64_t end, uint32_t blocks) {
   const uint64_t me = uint64_t(blockIdx.x) * blockDim.x + threadIdx.x, threads = uint64_t(blocks) * blockDim.x;
   for (uint64_t i = begin + me; i < end; i += threads) reinterpret_cast<uint4*>(words)[i] = uint4{0, 0, 0, 0};
 }
 
-// Clears the bits and the queues; likewise.
+// Clears the bits and the queues in the same way.
 __device__ inline void Clear(const BitArgs& args, uint32_t blocks) {
   if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
   ClearQuads(args.bits, 0, args.quads, blocks);
@@ -33,8 +33,8 @@ __global__ void __launch_bounds__(kClearThreads) ClearKernel(const __grid_consta
   Clear(args, gridDim.x);
 }
 
-// Clears the queues, what the lists count, and the layers of pieces that are not stored: while BinKernel sets triangles
-// up memory is idle.
+// Clears the queues, the bin counters, and the layers of grid blocks that are not stored. It overlaps BinKernel, whose
+// triangle setup leaves memory idle.
 __global__ void __launch_bounds__(kClearThreads)
     ClearForBins(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
   AllowNext();
@@ -46,9 +46,9 @@ __global__ void __launch_bounds__(kClearThreads)
   ClearQuads(args.bits, min(bins.z_end * layer, args.quads), args.quads, all);
 }
 
-// The first blocks of a kernel may clear the grid: a launch less to wait for. Blocks begin in the order of their
-// numbers, so those that are waited for are under way; CUDA does not promise that, but CUB's scans rely on it too.
-// Whether the block is one of those.
+// The first blocks of a kernel may clear the grid, which saves a launch. Blocks start in the order of their numbers, so
+// the blocks that others wait for are running; CUDA does not guarantee this, but CUB's scans rely on it too. True if
+// this block clears.
 __device__ inline bool ClearsFirst(const BitArgs& args) {
   if (blockIdx.x >= args.clear_blocks) return false;
   Clear(args, args.clear_blocks);
@@ -86,14 +86,14 @@ __global__ void __launch_bounds__(kLayerThreads, kLayerBlocks) LayerKernel(const
   const uint32_t warp = threadIdx.x / 32, warps = kLayerThreads / 32;
   AwaitEarlier();
   if (args.clear_blocks > 0 && blockIdx.x == 0 && threadIdx.x == 0) StoreRelaxed(args.cleared, 0);
-  // Both at once: often there is nothing in either, and to ask takes long beside a small mesh.
+  // Loads both counts at once: often both are 0, and the latency matters for a small mesh.
   const uint64_t large = __ldcg(args.queued + kLargeQueue), layers = __ldcg(args.queued + kLayerQueue);
   WalkLarge(args, large, blockIdx.x, gridDim.x, room.large);
   WalkLayers<kLayerSetups>(args, layers, uint64_t(blockIdx.x) * warps + warp, uint64_t(gridDim.x) * warps,
                            room.of_warps[warp]);
 }
 
-// Sets up args.largest, for a StoreKernel, and clears the queues.
+// Sets up args.largest for a StoreKernel, and clears the queues.
 __global__ void __launch_bounds__(32) SetUpLargestKernel(const __grid_constant__ BitArgs args, SharedSetup* setups) {
   AllowNext();
   if (blockIdx.x == 0 && threadIdx.x < kBitQueues) args.queued[threadIdx.x] = 0;
@@ -108,7 +108,7 @@ __global__ void __launch_bounds__(32) SetUpLargestKernel(const __grid_constant__
   if (has && rows == 0 && part == 0) s.begin[2] = s.end[2] = 0;
 }
 
-// Waits for all blocks of a cooperative launch. The counter is 0 but for its highest bit, and so it is left.
+// Grid barrier for a cooperative launch. The counter is 0 except for its highest bit before and after.
 __device__ inline void WaitForGrid(unsigned* arrived) {
   __syncthreads();
   if (threadIdx.x == 0) {
@@ -121,15 +121,15 @@ __device__ inline void WaitForGrid(unsigned* arrived) {
   __syncthreads();
 }
 
-inline constexpr int kBinBlocks = 8;          // on a multiprocessor at once
-inline constexpr int kStoreThreads = 1024;    // likewise
+inline constexpr int kBinBlocks = 8;          // resident blocks per multiprocessor
+inline constexpr int kStoreThreads = 1024;    // resident threads per multiprocessor
 inline constexpr uint32_t kStoreDepth = 128;  // blocks along z
 
 template <bool kFew>
 __global__ void __launch_bounds__(kBinThreads, kBinBlocks)
     BinKernel(const __grid_constant__ BitArgs args, const __grid_constant__ Bins bins) {
   constexpr uint32_t kWarps = kBinThreads / 32;
-  // The next kernel is not allowed to begin: its blocks would take the place of those here.
+  // No early start of the next kernel: its blocks would take resources of these.
   __shared__ alignas(16) char memory[kBinThreads * sizeof(SharedSetup)];
   FillBins<kFew>(args, bins, uint64_t(blockIdx.x) * kWarps + threadIdx.x / 32, uint64_t(gridDim.x) * kWarps,
                  reinterpret_cast<SharedSetup*>(memory) + threadIdx.x / 32 * 32);
@@ -152,13 +152,13 @@ union AtOnceRoom {
   LargeRoom large;
 };
 
-// All steps in one launch, for meshes of so few triangles that each warp has at most kAtOnceSetups: what takes longest
-// there is to wait. Triangles are set up while the bits are cleared.
+// All steps in one cooperative launch, for meshes with at most kAtOnceSetups triangles per warp, where latency
+// dominates. Triangles are set up while the bits are cleared.
 __global__ void __launch_bounds__(kAtOnceThreads, kAtOnceBlocks)
     AtOnceKernel(const __grid_constant__ BitArgs args, unsigned* arrived) {
   __shared__ alignas(16) char memory[sizeof(AtOnceRoom)];
   auto& room = *reinterpret_cast<AtOnceRoom*>(memory);
-  // Neighbours in the mesh to different multiprocessors.
+  // Distributes neighbours in the mesh over multiprocessors.
   const uint64_t warps = uint64_t(gridDim.x) * (kAtOnceThreads / 32);
   const uint64_t warp = uint64_t(threadIdx.x / 32) * gridDim.x + blockIdx.x;
   const uint64_t each = (args.triangle_count + warps - 1) / warps, lane = threadIdx.x % 32;

@@ -1,5 +1,5 @@
-// Plain bits of so few triangles that all blocks run at once, a triangle or half of one a thread: the steps of
-// small_triangles.cuh, where time goes by waiting. So corners are kept in shared memory for the second step. No host-only
+// Occupancy bits of so few triangles that all blocks are resident, with one thread per triangle or half of one: the
+// steps of small_triangles.cuh tuned for latency. Corners are kept in shared memory for the second step. No host-only
 // includes.
 #pragma once
 
@@ -7,11 +7,11 @@
 
 namespace voxelpipe::cuda {
 
-// What the block's triangles share in WalkFew.
+// Shared memory of a block in WalkFew.
 template <int kRowLanes>
 struct FewRoom : CellLists<kCellThreads / kRowLanes> {
   CellSpan table[kMaxCells][kCellThreads];
-  int corners[9][FewRoom::kRoom];  // of those that wait in cells
+  int corners[9][FewRoom::kRoom];  // of the triangles in `cells`
 
   __device__ void Keep(uint32_t number, const FixedCorners& v) {
     for (int i = 0; i < 9; ++i) corners[i][number] = v.at[i / 3][i % 3];
@@ -22,12 +22,12 @@ struct FewRoom : CellLists<kCellThreads / kRowLanes> {
     t.box = BoxOf(t.v.at, place);
     return t;
   }
-  // Passes a triangle that is in doubt on to the next kernel.
+  // Defers an uncertain triangle to the next kernel.
   __device__ void PassOn(uint32_t number) { this->later[SharedAdd(&this->layer_count, 1)] = uint16_t(number); }
 };
 
-// A turn of a warp's lanes at those that wait for rows, kRowLanes for each; whether the lane's own is in doubt, to one
-// lane of each.
+// Processes a warp's work item of triangles by rows, with kRowLanes lanes each. Returns true to one lane of each
+// triangle for which the filter is uncertain.
 template <bool kThin, int kRowLanes>
 __device__ inline bool TurnOfRows(const BitArgs& args, uint32_t turn, FewRoom<kRowLanes>& room, uint32_t& number) {
   const uint32_t at = turn * 32 + threadIdx.x % 32, i = at / kRowLanes, part = at % kRowLanes;
@@ -45,7 +45,7 @@ __device__ inline bool TurnOfRows(const BitArgs& args, uint32_t turn, FewRoom<kR
   return doubtful && part == 0;
 }
 
-// The same at those that wait for octants, a lane each.
+// Processes a work item of triangles that need 2x2x2 tests, with one lane each.
 template <bool kThin, int kRowLanes>
 __device__ inline bool TurnOfOctants(const BitArgs& args, uint32_t turn, const FewRoom<kRowLanes>& room,
                                      uint32_t& number) {
@@ -63,13 +63,13 @@ __device__ inline bool TurnOfOctants(const BitArgs& args, uint32_t turn, const F
   return doubtful;
 }
 
-// Whether the box has as few rows as a thread walks.
+// True if one thread can process the rows of the box.
 __device__ inline bool HasFewRows(const FixedBox& box) {
   const int width = box.last[1] - box.first[1] + 1, layers = box.last[2] - box.first[2] + 1;
   return max(width, layers) <= kMaxCellRows && width * layers <= kMaxCellRows;
 }
 
-// As WalkCells does, the triangles of block `chunk` of as many as there are in a room.
+// Like WalkCells, for the triangles of block `chunk`, as many as the shared memory holds.
 template <bool kThin, int kRowLanes>
 __device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRowLanes>& room) {
   constexpr uint32_t kEach = FewRoom<kRowLanes>::kRoom;
@@ -92,12 +92,12 @@ __device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRow
   if (in_doubt) fate = CellFate::kDone;
   __syncwarp();
   room.Append(fate, mine);
-  AwaitCleared(args);                           // until here nothing is written but what is the block's
-  if (args.clear_blocks == 0) __syncthreads();  // which is no barrier then, and lists are read
+  AwaitCleared(args);                           // only shared memory is written before
+  if (args.clear_blocks == 0) __syncthreads();  // AwaitCleared was no barrier then, and the lists are read below
   if (in_doubt) room.PassOn(mine);
   if (octants != 0) SetOctants(args, triangle.box.first, octants);
   __syncwarp();
-  // Warps take what is left as they come to it: rows first, which take longest.
+  // Dynamic scheduling of the remaining work over warps: rows first, since they take longest.
   const uint32_t row_turns = (room.row_count * kRowLanes + 31) / 32, turns = row_turns + (room.octant_count + 31) / 32;
   for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
     uint32_t number = 0;

@@ -1,10 +1,10 @@
-// Plain bits of meshes many of whose triangles reach over more than two voxels: a triangle a thread, by rows
-// (small_triangle_rows.h), however small its box.
+// Occupancy bits for meshes in which many triangles reach over more than two voxels: one thread per triangle, by rows
+// (small_triangle_rows.h), even if its box is small.
 //
-// WalkCells (small_triangles.cuh) sorts a block's triangles first, so that lanes of a warp do the same. Where many of them go
-// by rows, that takes longer than it saves: they are read twice, and warps wait for each other. What is left then is
-// the rate of atomics on the grid, so those of a warp are brought together (warp_bit_tile.cuh) in grids larger than the
-// cache. No host-only includes.
+// WalkCells (small_triangles.cuh) first sorts a block's triangles by class, so that lanes of a warp do the same work.
+// If many triangles need rows, that costs more than it saves: they are loaded twice, and warps wait for each other. The
+// atomics on the grid then limit the speed, so in grids larger than the cache each warp combines its bits first
+// (warp_bit_tile.cuh). No host-only includes.
 #pragma once
 
 #include "cuda/traversal/small_triangles.cuh"
@@ -12,7 +12,7 @@
 
 namespace voxelpipe::cuda {
 
-// Of a block. kTogether: with a box for each warp.
+// Shared memory of a block. kTogether: with a bit tile for each warp.
 template <bool kTogether>
 struct RowRoom {
   CellSpan table[kMaxCells][kCellThreads];
@@ -22,7 +22,7 @@ struct RowRoom<true> : RowRoom<false> {
   RowBox boxes[kCellThreads / 32];
 };
 
-// Appends t to a queue where `wanted`. All threads of a warp call it.
+// Appends t to a queue if `wanted`. All threads of a warp call it.
 __device__ inline void AppendToQueue(const BitArgs& args, BitQueue queue, bool wanted, uint32_t t) {
   const unsigned lane = threadIdx.x % 32, all = __ballot_sync(~0u, wanted);
   if (all == 0) return;
@@ -34,10 +34,10 @@ __device__ inline void AppendToQueue(const BitArgs& args, BitQueue queue, bool w
   if (wanted) (queue == kLayerQueue ? args.layer_queue : args.large_queue)[at] = t;
 }
 
-// Rows of a triangle as VisitCells has them, to the warp's box, or where that does not hold them to the grid.
+// Writes the rows of a triangle (interface of VisitCells) to the warp's bit tile, or to the grid if they do not fit.
 class RowsTogether {
  public:
-  // `begin`, `first`: as NearWords has them.
+  // `begin`, `first`: as in NearWords.
   __device__ RowsTogether(const BitArgs& args, const RowPlace& place, RowBox& box, const int (&begin)[3], int first)
       : args_(args), place_(place), box_(box), begin_(begin), first_(first), first_row_(place.RowOf(begin)) {}
 
@@ -65,10 +65,10 @@ class RowsTogether {
   int z_ = 0;
 };
 
-// Triangle i of the walk, if there are so many. All threads of a block call it. Waits for whoever clears the grid.
+// Rasterizes triangle i, if it exists. All threads of a block call it. Waits until the grid is cleared.
 template <bool kThin, bool kPacked, bool kTogether>
 __device__ inline void WalkByRows(const BitArgs& args, uint64_t i, RowRoom<kTogether>& room) {
-  // Threads behind the last triangle look at it too, and leave it.
+  // Threads past the last triangle load it too and then discard it.
   const uint32_t at = min(uint32_t(i), uint32_t(args.triangle_count) - 1);
   const uint32_t t = kPacked ? args.packed[3 * uint64_t{at}].triangle : at;
   if constexpr (kTogether) ClearRows(room.boxes[threadIdx.x / 32]);

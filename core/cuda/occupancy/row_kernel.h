@@ -1,4 +1,4 @@
-// Plain bits by rows alone (row_kernel.cuh). Included by .cu files only.
+// Launches the row kernel for occupancy bits (row_kernel.cuh). Included by .cu files only.
 #pragma once
 
 #include "cuda/device/kernel_list.h"
@@ -7,13 +7,13 @@
 
 namespace voxelpipe::cuda {
 
-// Whether so many triangles would go by rows that all do, at once: a quarter of a sample, in the grid more than two
-// voxels along some axis, and not too many. Looked for once a run.
+// True if all triangles should be rasterized by rows at once: more than a quarter of a sample spans more than two
+// voxels along some axis, but not too many (kMaxCells). Computed once per run.
 bool ManyGoByRows(RunState& state);
 
-// Adds the kernel that draws all triangles but those that come to wait in the queues. `together`: what a warp sets is
-// brought together first; not with packed corners, whose neighbours lie apart or in each other's way. Behind the kernel
-// that clears the grid, beside which it may begin.
+// Appends the kernel that draws all triangles except those that it defers to the queues. `together`: bits are combined
+// per warp; not with packed corners, whose neighbours are far apart or contend for the same words. It follows the
+// kernel that clears the grid and may overlap it.
 void AddRows(const RunState& state, const BitArgs& args, bool together, LaunchList& list);
 
 }  // namespace voxelpipe::cuda
