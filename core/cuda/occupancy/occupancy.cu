@@ -22,8 +22,8 @@ namespace {
 // iterations of CellKernel if locality matters: fewer triangles in flight, in fewer places of the grid.
 constexpr int kOrderedRounds = 1;
 constexpr int kSharedRows = 2;  // lanes of FewKernel per triangle if rows are shared
-// Grids of so many bytes at most are cleared by the first blocks of either; larger ones are cleared sooner by a kernel
-// of their own.
+// Grids of at most so many bytes are cleared by the first blocks of the rasterization kernel; larger ones are cleared
+// sooner by a separate kernel.
 constexpr uint64_t kClearedByWalk = 4 << 20, kAssumedClearedByWalk = 8;  // the latter times the assumed cache size
 
 // Resident blocks of a kernel per multiprocessor of the current device; 0 if unknown.

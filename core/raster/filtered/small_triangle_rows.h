@@ -1,35 +1,37 @@
-// Small triangles whose boxes are larger than octants tell (small_triangle_tests.h), by rows as raster/spans.h has them: each
-// bound once for voxels grown by the widening of narrow triangles and a band, once for the widening less the band.
-// Where both give the same voxels, so does whatever lies between. No host-only includes.
+// Small triangles whose boxes exceed 2x2x2 voxels (small_triangle_tests.h), by rows as in raster/spans.h. Each bound is
+// computed twice: an outer one for voxels grown by the widening of narrow triangles plus an error band, an inner one
+// for the widening minus the band. If both give the same voxels, so does every bound in between, and the result is
+// certain. No host-only includes.
 #pragma once
 
 #include "raster/filtered/small_triangle_tests.h"
 
 namespace voxelpipe {
 
-inline constexpr float kMoreOfRows = 1e-5f;  // voxels, of the band: boxes are up to 9 voxels large
+// voxels: additional width of the band, since boxes are up to 9 voxels large
+inline constexpr float kMoreOfRows = 1e-5f;
 
-// Bounds of a coordinate u given t, about c - s*t: `outer` to each side at most, `inner` at least.
+// Bounds of a coordinate u for given t, around c - s*t: `outer` is the maximum half-width, `inner` the minimum.
 struct CellBound {
   float c, s, outer, inner;
 };
 
-// Between two bounds of one coordinate, outer and inner; local voxels.
+// Interval of a coordinate in local voxels, with outer and inner bounds.
 struct CellSpan {
   float first_outer, first_inner, last_outer, last_inner;
 };
 
-// Whole numbers of less than 22 bits as floats with this on top, in which their bits stand as those of an integer.
-// Others stay as large as they are or nearly so. Roundings to such are additions on a device.
+// Rounding by a magic number: after adding kWhole, integers of less than 22 bits are in the low bits of the float.
+// Larger values keep their magnitude approximately. On a device, rounding up or down is then a single addition.
 inline constexpr float kWhole = 0x1.8p23f;
-VOXELPIPE_HD float WholeFrom(float v) {  // the least that is not less
+VOXELPIPE_HD float WholeFrom(float v) {  // the smallest integer >= v
 #if defined(__CUDA_ARCH__)
   return __fadd_ru(v, kWhole);
 #else
   return ceilf(v) + kWhole;
 #endif
 }
-VOXELPIPE_HD float WholeUpto(float v) {  // the greatest that is not greater
+VOXELPIPE_HD float WholeUpto(float v) {  // the largest integer <= v
 #if defined(__CUDA_ARCH__)
   return __fadd_rd(v, kWhole);
 #else
@@ -44,11 +46,11 @@ VOXELPIPE_HD int32_t WholeBits(float whole) {
 VOXELPIPE_HD int IntOf(float whole) {
   return WholeBits(whole) - 0x4b400000;
 }
-VOXELPIPE_HD int CountOf(float first, float last) {  // of whole numbers from one to the other
+VOXELPIPE_HD int CountOf(float first, float last) {  // number of integers in [first, last]
   return WholeBits(last) - WholeBits(first) + 1;
 }
 
-// `count` bits of a word from one on; those beyond it are left out.
+// A word with `count` bits set from bit `first` on; bits past its end are dropped.
 VOXELPIPE_HD uint32_t BitsFrom(uint32_t first, int count) {
 #if defined(__CUDA_ARCH__)
   uint32_t bits;
@@ -59,15 +61,15 @@ VOXELPIPE_HD uint32_t BitsFrom(uint32_t first, int count) {
 #endif
 }
 
-// The bound |nu*u + nt*t - middle| <= half, where half is sure to within `band`. `none`: it bounds nothing; without a
-// branch, as most do.
+// Solves |nu*u + nt*t - middle| <= half for u, where `half` has an error of at most `band`. `none`: no bound.
+// Branch-free, since the bound usually exists.
 VOXELPIPE_HD CellBound SolveCell(bool none, float nu, float nt, float middle, float half, float band) {
   const float inverse = none ? 0 : Reciprocal(nu), length = fabsf(inverse), more = none ? 1e30f : 0;
   return {middle * inverse, nt * inverse, fmaf(half + band, length, more), fmaf(half - band, length, more)};
 }
 
-// An edge e through p, seen along an axis; as TestEdge. Where it is parallel to u it says no more than the box; its
-// components are whole units of the fixed point.
+// The bound by edge e through p, projected along an axis, as in TestEdge. An edge parallel to u adds nothing to the
+// box; its components are whole units of the fixed point, so the comparison with 0 is exact.
 VOXELPIPE_HD CellBound EdgeCells(float eu, float et, float pu, float pt, float area, float band, float rounding) {
   const float norm = fabsf(eu) + fabsf(et);
   const float middle = fmaf(-0.5f, (area + et) - eu, fmaf(et, pu, -(eu * pt)));
@@ -83,9 +85,9 @@ VOXELPIPE_HD void Narrow(const CellBound& b, float t, CellSpan& span) {
   span.last_inner = fminf(span.last_inner, c + b.inner);
 }
 
-inline constexpr int kMaxCells = 9;  // of a box along each axis that goes by rows here
+inline constexpr int kMaxCells = 9;  // maximum extent of a box along each axis for this method
 
-// Takes rows of VisitCells to visit(y, z, x, count).
+// Adapts the row interface of VisitCells to visit(y, z, x, count).
 template <typename Visit>
 class EachRow {
  public:
@@ -98,11 +100,11 @@ class EachRow {
   int z_ = 0;
 };
 
-// Rows of a box of at most kMaxCells voxels along each axis, within `begin` to `end` of the grid: to.Layer(z) before
-// those of a layer, then to.Row(y, x, count), `count` voxels from x on, or none; y and z are counted from `begin`, x
-// from the box's first voxel. False as soon as some voxel is not certain; rows already visited are right. `table` has
-// room for kMaxCells elements, `pitch` apart. Of the layers those from number `part` on, `parts` apart. `whole`: the
-// triangle touches all of the box.
+// Enumerates the rows of a triangle whose box has at most kMaxCells voxels along each axis, clipped to `begin` to `end`
+// of the grid. Calls to.Layer(z) before the rows of a layer, then to.Row(y, x, count) for `count` >= 0 voxels from x
+// on. y and z are relative to `begin`, x to the box's first voxel. Returns false at the first uncertain voxel; the rows
+// visited before are correct. `table`: scratch for kMaxCells elements, `pitch` apart. Processes layers part, part +
+// parts, ... `whole`: the triangle touches its whole box.
 template <bool kThin, typename Rows>
 VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const int (&begin)[3], const int (&end)[3],
                              const FixedPlace& place, CellSpan* table, int pitch, bool whole, Rows&& to, int part = 0,
@@ -114,7 +116,7 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
             float(v[i][1] - (box.first[1] << place.bits)) * voxels,
             float(v[i][2] - (box.first[2] << place.bits)) * voxels};
   }
-  if (whole) q[1] = q[2] = q[0];  // a point bounds nothing: lanes of a warp go the same way
+  if (whole) q[1] = q[2] = q[0];  // a point sets no bounds, and lanes of a warp do not diverge
   const Vec3f e[3] = {q[1] - q[0], q[2] - q[1], q[0] - q[2]};  // exact
   Vec3f n;
   n.x = fmaf(e[0].z, e[2].y, -(e[0].y * e[2].z));
@@ -124,15 +126,15 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
   const float most = fmaxf(ax, fmaxf(ay, az)), norm = (ax + ay) + az;
   float longest = 0;
   for (int i = 0; i < 3; ++i) longest = fmaxf(longest, LengthSquared(e[i]));
-  if (!whole && !(most > fmaf(0.0042f, longest, 0x1p-19f))) return false;  // perhaps not narrow
-  // Rounding errors grow with the box: of products of two lengths, of three, and of the plane that moving vertices by
-  // units turns.
+  if (!whole && !(most > fmaf(0.0042f, longest, 0x1p-19f))) return false;  // may not be narrow
+  // Rounding errors grow with the box: those of products of two lengths, of three, and the rotation of the plane by the
+  // quantization of vertices.
   const auto size =
       float(2 + Max(box.last[0] - box.first[0], Max(box.last[1] - box.first[1], box.last[2] - box.first[2])));
   const float band = fmaf(place.band, voxels, kMoreOfRows), rounding = 1.5e-6f * size * size;
 
-  // The plane bounds x. Where x says nothing, neither does the plane if it is parallel to a second axis too: the box
-  // says it.
+  // The plane bounds x. If it is parallel to x it bounds nothing here; if it is then parallel to a second axis too, the
+  // box already implies its bound.
   CellBound plane{0, 0, 1e30f, 1e30f};
   float plane_sy = 0;
   if (ax > norm * 0x1p-26f) {
@@ -157,7 +159,7 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
     for (int i = 0; i < 3; ++i) x_of_y[i] = EdgeCells(e[i].x, e[i].y, q[i].x, q[i].y, n.z, band, rounding);
     CellSpan* next = table;
 #if defined(__CUDA_ARCH__)
-#pragma unroll 1  // there are few
+#pragma unroll 1  // few iterations
 #endif
     for (int y = y_lo; y < y_hi; ++y, next += pitch) {
       CellSpan span = box_x;
@@ -180,7 +182,7 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
     }
     const float from_y = WholeFrom(rows.first_outer), upto_y = WholeUpto(rows.last_outer);
     if (from_y > upto_y) continue;
-    // Certain where between the inner bounds lie the same whole numbers.
+    // Certain if the inner bounds contain the same integers.
     float y = from_y - kWhole;
     if (y < rows.first_inner || upto_y - kWhole > rows.last_inner) return false;
     to.Layer(k);
@@ -194,7 +196,7 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
       if (first <= last) {
         const float from = fmaxf(fmaxf(shared->first_inner, layer.first_inner), c - plane.inner);
         const float upto = fminf(fminf(shared->last_inner, layer.last_inner), c + plane.inner);
-        // Without a branch, which would cost every row more: in doubt there are no voxels, and no more rows.
+        // Branch-free, because a branch would cost every row more: an uncertain row has no voxels and ends the loop.
         const bool doubt = first - kWhole < from || last - kWhole > upto;
         last_j = doubt ? -1 : last_j;
         to.Row(j, IntOf(first), doubt ? 0 : CountOf(first, last));
