@@ -21,7 +21,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-constexpr size_t kRunsAtOnce = 4;  // of RunEach
+constexpr size_t kRunsAtOnce = 4;  // for RunEach
 
 class CudaStages final : public Stages {
  public:
@@ -32,7 +32,7 @@ class CudaStages final : public Stages {
     state_.device = device;
     state_.stream = use_.stream();
   }
-  ~CudaStages() override {  // before what their work reads is released
+  ~CudaStages() override {  // before the memory that queued work reads is released
     copies_.reset();
     use_.Wait();
   }
@@ -44,8 +44,8 @@ class CudaStages final : public Stages {
   }
   absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
     const VoxelizeRequest& request = state_.request.request;
-    // The sums that the device made are those of the whole mesh. Where the vertices are the file's, the host has them
-    // too.
+    // The device's sums are those of the whole mesh. If the vertices are those of the file, the host can measure them
+    // within the grid.
     if (closely && request.vertex_shader.name == "identity") {
       return cpu::MeasureSurface(state_.host.view, request, grid, state_.job);
     }
@@ -53,7 +53,8 @@ class CudaStages final : public Stages {
   }
   int64_t FittingSlabDepth(const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
                            int64_t depth) const override {
-    constexpr uint64_t kShareInDoubt = 8;  // of the device's memory: a slab that takes less has room
+    // divisor of the device's memory: smaller slabs fit without asking the driver
+    constexpr uint64_t kShareInDoubt = 8;
     const VoxelizeRequest& request = state_.request.request;
     const uint64_t all = std::min(state_.device.memory_bytes, MemoryLimit());
     if (PredictSlabBytes(request, grid, mesh, surface, depth) < all / kShareInDoubt) return depth;
@@ -139,10 +140,10 @@ class CudaStages final : public Stages {
     }
     return Allocate(slab);
   }
-  // The lists of the slab before are held by the run now.
+  // The run holds the previous slab's lists from now on.
   absl::Status TakeLists() { return state_.memory.TakeOnHost(0); }
 
-  // Where the device had no room, what the slab took goes back.
+  // Releases what the slab allocated if the device is out of memory.
   absl::Status Checked(absl::Status s) {
     if (DeviceFailureOf(s) != DeviceFailureKind::kOutOfMemory) return s;
     if (copies_) copies_->Forget();
@@ -150,7 +151,7 @@ class CudaStages final : public Stages {
     return s;
   }
 
-  // At the end of the slab's stages: waits for them, and brings its counts to the host in one read.
+  // Ends the slab's stages: waits for them, and reads all counts in one copy.
   absl::Status Count() {
     VOXELPIPE_OK_OR_RETURN(CountSlab(state_));
     const auto counters = ReadCounters(state_);
@@ -168,7 +169,7 @@ class CudaStages final : public Stages {
   }
 
   absl::StatusOr<SlabArrays> CopyOut() {
-    const bool last = state_.slab.depth() == grid_.dims[2];  // nothing to do meanwhile
+    const bool last = state_.slab.depth() == grid_.dims[2];  // no further slab to overlap with
     if (last || state_.request.request.result != ResultKind::kDense) {
       absl::StatusOr<ResultArrays> arrays = cuda::Finish(state_);
       if (!arrays.ok()) return arrays.status();
@@ -182,7 +183,7 @@ class CudaStages final : public Stages {
     return copies_->Start(state_);
   }
 
-  DeviceUse use_;  // destroyed last: arrays give their memory back on the stream
+  DeviceUse use_;  // destroyed last: arrays return their memory on its stream
   RunState state_;
   GridSpec grid_;
   bool set_up_ = false;
@@ -212,18 +213,19 @@ class Cuda final : public Backend {
     return std::make_unique<CudaStages>(mesh, request, job, device_, **kernels, *std::move(use));
   }
   void Run(int threads, const std::function<void()>& body) const override {
-    const int cores = CpuCount();  // results are put together on the host
+    const int cores = CpuCount();  // the host assembles results
     tbb::task_arena arena(threads > 0 ? std::min(threads, cores) : cores);
     arena.execute(body);
   }
   void RunEach(int threads, size_t count, const std::function<void(size_t)>& body) const override {
-    // Each on a stream of its own: while one copies, another computes.
+    // Each run has its own stream, so that one copies while another computes.
     const int at_once = int(std::min<size_t>(count, kRunsAtOnce));
     Run(threads, [&] {
       std::atomic<size_t> next{0};
       tbb::parallel_for(0, at_once, [&](int) {
         for (size_t i = next++; i < count; i = next++) {
-          // A run that waits for its own loops must not begin another one meanwhile: its times would be wrong.
+          // Without isolation, a thread that waits for its loops could start another run, which would distort its
+          // times.
           tbb::this_task_arena::isolate([&] { body(i); });
         }
       });
@@ -232,7 +234,8 @@ class Cuda final : public Backend {
   std::vector<size_t> RunShared(int threads, std::span<const BatchItem> items, const PlanLimits& limits,
                                 BatchStats& stats) const override {
     std::vector<size_t> alone;
-    if (!CheckDevice(device_.ordinal).ok()) return Backend::RunShared(threads, items, limits, stats);  // each says why
+    // each reports the reason
+    if (!CheckDevice(device_.ordinal).ok()) return Backend::RunShared(threads, items, limits, stats);
     Run(threads, [&] { alone = cuda::RunShared(*this, device_, items, limits, stats); });
     return alone;
   }

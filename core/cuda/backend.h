@@ -1,4 +1,4 @@
-// The CUDA backend: the pipeline's stages on one GPU.
+// The CUDA backend: runs the pipeline's stages on one GPU.
 #pragma once
 
 #include <driver_types.h>
@@ -12,18 +12,18 @@
 
 namespace voxelpipe::cuda {
 
-// One backend a device, lost ones too; they live as long as the process. Safe to run several jobs at once on each,
-// every one on a stream of its own.
+// One backend per device, including lost ones; they live as long as the process. Each can run several jobs at a time,
+// on a stream each.
 const std::vector<const Backend*>& CudaBackends();
-// The first that is not lost; FAILED_PRECONDITION saying why where no device can be used.
+// The first one that is not lost; FAILED_PRECONDITION with the reason if no device can be used.
 absl::StatusOr<const Backend*> FirstCudaBackend();
 
 // For benchmarks: the stream of stages that this backend started, ...
 cudaStream_t StreamOf(Stages& stages);
-// ... what a run over the whole grid that they have begun gives to it, step by step, without the copy to the host, ...
+// ... the steps of a run over the whole grid, for stages that have begun, without the copy to the host, ...
 using DeviceStep = std::pair<const char*, std::function<absl::Status()>>;
 std::vector<DeviceStep> StepsOf(Stages& stages);
-// ... and the occupied voxels that these steps made.
+// ... and the number of occupied voxels that these steps made.
 absl::StatusOr<uint64_t> CountOccupied(Stages& stages);
 
 }  // namespace voxelpipe::cuda

@@ -1,4 +1,4 @@
-// What a slab's triangles cover, and the values of it.
+// Rasterizes, shades and blends the triangles of a slab.
 #include "cuda/run/run_state.h"
 
 namespace voxelpipe::cuda {

@@ -1,4 +1,4 @@
-// The grid of a run, its plan, and the mesh in it.
+// Sets up the grid of a run, its path plan, and the mesh in index space.
 #include <algorithm>
 #include <string>
 
@@ -19,8 +19,8 @@ bool InReach(const Vec3d& p) {
   return Abs(p.x) <= kFarthest && Abs(p.y) <= kFarthest && Abs(p.z) <= kFarthest;
 }
 
-// The box of the mesh is monotone in index space, so its corners say whether any vertex is out of reach. Which one is
-// looked for on the host: it ends the run.
+// Index space is monotonic in world space, so the corners of the mesh's box show whether any vertex is out of range.
+// The host searches for it, since the run ends with an error.
 absl::Status CheckReach(RunState& state, const GridSpec& grid) {
   const IndexSpace space = grid.index_space();
   const auto place = [&](const Vec3d& p) { return WorldToIndex(space, p); };
@@ -34,7 +34,7 @@ absl::Status CheckReach(RunState& state, const GridSpec& grid) {
     for (const uint32_t v : mesh.triangles[t]) {
       if (!InReach(place(mesh.positions[v]))) {
         bad = std::min(bad, v);
-        break;  // as the CPU backend: the first corner that is out of reach stands for its triangle
+        break;  // like the CPU backend: reports the first such corner of the triangle
       }
     }
   }
@@ -42,7 +42,7 @@ absl::Status CheckReach(RunState& state, const GridSpec& grid) {
       absl::StrCat(cpu::DescribeVertex(state.host.mesh, bad), ": farther than 2^40 voxels from the grid's origin"));
 }
 
-// Whether some kernel asks for vertices in index space.
+// True if some kernel reads vertices in index space.
 bool NeedsPlaces(const RunState& state) {
   if (state.request.request.result == ResultKind::kBuckets) return ShadesFragments(state.request);
   if (!state.plan.blends()) return true;  // fills
@@ -54,7 +54,7 @@ bool NeedsPlaces(const RunState& state) {
   return false;
 }
 
-// As if memory were short: thinner slabs may do, or another backend.
+// Reported as out of memory, so that thinner slabs or another backend are tried.
 absl::Status TooMuch(const std::string& what) {
   return MarkDeviceFailure(absl::ResourceExhaustedError(what), DeviceFailureKind::kOutOfMemory);
 }
@@ -67,8 +67,8 @@ absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
   state.view.tiles = TilesOf(state.view.dims);
   state.view.words_per_row = (state.view.dims[0] + 31) / 32;
   state.view.space = grid.index_space();
-  // Rows and fragments of one triangle are counted in 32 bits. Along its normal's largest component a plane meets at
-  // most five voxels of a column, so the largest face of the grid bounds both.
+  // Rows and fragments of a triangle are counted in 32 bits. A plane intersects at most five voxels of a column along
+  // the dominant axis of its normal, so the grid's largest face bounds both.
   const auto nx = double(grid.dims[0]), ny = double(grid.dims[1]), nz = double(grid.dims[2]);
   if (5 * Max(nx * ny, Max(ny * nz, nz * nx)) > double(UINT32_MAX)) {
     return TooMuch("a face of the grid has more voxels than the CUDA backend counts for one triangle");
@@ -84,7 +84,7 @@ absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
     return TooMuch("eight layers of the grid have more voxels than the CUDA backend has numbers for, 2^32");
   }
   if (path == Path::kFragmentList || state.plan.blends()) PrepareScattered(state);
-  if (path == Path::kOccupancy) return absl::OkStatus();  // rows come from world space
+  if (path == Path::kOccupancy) return absl::OkStatus();  // kernels read world-space vertices
   for (SpanTarget& target : state.span_targets) target.shaded = false;
   if (NeedsPlaces(state)) VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
   if (state.mesh.view.empty() || state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {

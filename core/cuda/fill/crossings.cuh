@@ -1,9 +1,9 @@
-// Crossings of triangles with the lines along x through the centres of rows: what the parity fill, the nonzero fill and
-// batches share. Included by .cu files only.
+// Crossings of triangles with the lines along x through the centres of rows, for the parity fill, the nonzero fill and
+// batches. Included by .cu files only.
 //
 // Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010,
-// section 5. Changed: crossings are counted per edge (raster/crossing.h), so that closed meshes leave no streaks; a
-// single bit is toggled and spread at the end.
+// section 5. Differences: crossings are counted per edge (raster/crossing.h), so closed meshes leave no streaks; a
+// single bit is toggled per crossing and spread at the end.
 #pragma once
 
 #include "absl/status/status.h"
@@ -20,26 +20,26 @@ namespace voxelpipe::cuda {
 inline constexpr int kFillThreads = 256;
 inline constexpr uint32_t kLinesOfThread = 32;
 
-// Where the crossings of a triangle go.
+// Output of the parity fill.
 struct ToggleView {
   GridView grid;
   uint32_t* inside = nullptr;  // bit grid of the slab
-  // One bit a column (j, k) of the slab: the parity of all its crossings; rows of column_words words.
+  // One bit per column (j, k) of the slab: the parity of all its crossings; rows of column_words words.
   uint32_t* columns = nullptr;
   int64_t column_words = 0;
 };
 
-// Where the signs of a triangle's crossings go: those with some of the slab's rows, which are numbered as in bit grids.
+// Output of the nonzero fill: signs of crossings in a range of the slab's rows, numbered as in bit grids.
 struct SumView {
   GridView grid;
   uint64_t first_row = 0, end_row = 0;
-  uint32_t* inside = nullptr;  // bit grid of the slab: the last voxel before a crossing, where there is one
-  // Of these rows, modulo 2^32, +1 for a crossing that rises and -1 for one that falls: by that voxel's bit, and by row
-  // those before all voxels.
+  uint32_t* inside = nullptr;  // bit grid of the slab: the last voxel before each crossing, if any
+  // Sums for these rows modulo 2^32, +1 for a rising and -1 for a falling crossing: `sums` by the bit of that voxel,
+  // `outside` by row, for crossings before all voxels.
   uint32_t *sums = nullptr, *outside = nullptr;
 };
 
-// A run's triangles, and the view that all of them have.
+// The triangles of a run, and their common output.
 template <typename ViewType>
 struct CrossingArgs {
   using View = ViewType;
@@ -52,13 +52,13 @@ struct CrossingArgs {
 };
 using ToggleArgs = CrossingArgs<ToggleView>;
 using SumArgs = CrossingArgs<SumView>;
-// Whether the triangle's mesh is filled, and where its crossings go.
+// The output of a triangle; false if its mesh is not filled.
 template <typename View>
 __device__ inline bool ViewOf(const CrossingArgs<View>& args, uint64_t, View& view) {
   view = args.view;
   return true;
 }
-// The lines along x, through the centres of (y, z), that may cross the triangle.
+// The range of lines along x, through the centres of (y, z), that may cross the triangle.
 struct Lines {
   int64_t y_begin, y_end, z_begin, z_end;
   __device__ uint64_t count() const {
@@ -128,7 +128,7 @@ __device__ inline void ToggleLine(const ToggleView& args, const Corners& t, int6
   if (before > 0) atomicXor(args.inside + args.grid.Word(before - 1, y, z), 1u << ((before - 1) % 32));
 }
 
-// A triangle a thread; those with many lines are queued.
+// One thread per triangle; triangles with many lines are queued.
 template <typename Args>
 __global__ void __launch_bounds__(kFillThreads) ToggleSmall(const __grid_constant__ Args args) {
   __shared__ unsigned long long room[kFillThreads / 32 + 1];
@@ -151,7 +151,7 @@ __global__ void __launch_bounds__(kFillThreads) ToggleSmall(const __grid_constan
   if (queue) args.queue[at] = uint32_t(t);
 }
 
-// Blocks in x share a queued triangle's lines, blocks in y take different triangles.
+// gridDim.x divides the lines of a queued triangle, gridDim.y the triangles.
 template <typename Args>
 __global__ void __launch_bounds__(kFillThreads) ToggleLarge(const __grid_constant__ Args args) {
   const uint64_t queued = *args.queued;
@@ -168,10 +168,10 @@ __global__ void __launch_bounds__(kFillThreads) ToggleLarge(const __grid_constan
   }
 }
 
-// Bit i of a row becomes the parity of the toggles at i and beyond. All lanes of a warp share a row, from its end.
+// Suffix parity: bit i of a row becomes the parity of the toggles at i and beyond. A warp processes a row from its end.
 __device__ inline void SuffixXorRow(uint32_t* at, int64_t words) {
   const int lane = int(threadIdx.x % 32);
-  uint32_t carry = 0;  // all bits set where an odd number of toggles lies beyond
+  uint32_t carry = 0;  // all bits set if an odd number of toggles lies beyond
   for (int64_t end = words; end > 0; end -= 32) {
     const int64_t w = end - 32 + lane;
     uint32_t word = w >= 0 ? at[w] : 0;
@@ -195,8 +195,8 @@ struct FillArgs {
   bool planar;
 };
 
-// The fill value, to the filled voxels of words begin, begin + step, ... without a fragment of the target: a warp a
-// word, a lane a voxel.
+// Stores the fill value in the filled voxels of words begin, begin + step, ... that have no fragment of the target: one
+// warp per word, one lane per voxel.
 template <typename Element>
 __device__ inline void FillWords(const FillArgs& args, uint64_t begin, uint64_t step) {
   auto* const out = reinterpret_cast<Element*>(args.dense);
@@ -218,7 +218,7 @@ __device__ inline void FillWords(const FillArgs& args, uint64_t begin, uint64_t 
   }
 }
 
-// `share`: blocks that share a queued triangle.
+// `share`: blocks per queued triangle.
 template <typename Args>
 absl::Status Toggle(const Args& args, const DeviceInfo& device, unsigned share, cudaStream_t stream) {
   ToggleSmall<<<unsigned((args.triangle_count + kFillThreads - 1) / kFillThreads), kFillThreads, 0, stream>>>(args);

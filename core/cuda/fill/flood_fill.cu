@@ -1,8 +1,8 @@
-// Flood fill: what a 6-connected walk from outside the grid cannot reach without entering the conservative shell.
+// Flood fill: the voxels that a 6-connected fill from outside the grid cannot reach without entering the conservative
+// shell.
 //
-// Sweeps along the three axes, forward and back, on words of 32 voxels: a sweep carries what is reached as far along
-// its axis as it is open. They are repeated until none reaches anything new, which straight passages let happen after a
-// few.
+// Sweeps along the three axes, forward and backward, on words of 32 voxels. A sweep propagates reached voxels along its
+// axis until a closed voxel. Sweeps repeat until none reaches anything new; without winding passages a few suffice.
 #include <iterator>
 
 #include "cuda/device/launch.cuh"
@@ -29,7 +29,7 @@ __global__ void __launch_bounds__(kThreads)
   }
 }
 
-// Of the whole grid, whatever the slab: a walk knows no slabs.
+// For the whole grid, not the slab: connectivity does not stop at slab borders.
 absl::Status FindOutside(RunState& state) {
   const uint64_t words = uint64_t(state.view.words_per_row) * uint64_t(state.view.dims[1] * state.view.dims[2]);
   DeviceArray<uint32_t> shell;
@@ -42,7 +42,7 @@ absl::Status FindOutside(RunState& state) {
   for (;;) {
     VOXELPIPE_OK_OR_RETURN(state.job.Check());
     for (size_t i = 0; i < std::size(kAxes); ++i) {
-      // A last round of all three axes that changes nothing ends the walk.
+      // A last round of all three axes that changes nothing ends the fill.
       if (i + 3 == std::size(kAxes)) VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kChanged}));
       const unsigned blocks = BlocksFor(uint64_t(LinesAlong(flood, kAxes[i])), kThreads, UINT32_MAX);
       SweepKernel<<<blocks, kThreads, 0, state.stream>>>(flood, kAxes[i], state.counters.data() + kChanged);
@@ -59,7 +59,7 @@ absl::Status FindOutside(RunState& state) {
 absl::Status FloodInside(RunState& state) {
   if (state.outside.empty()) {
     if (absl::Status s = FindOutside(state); !s.ok()) {
-      state.outside.Free();  // it is not done
+      state.outside.Free();  // incomplete
       return s;
     }
   }

@@ -1,4 +1,4 @@
-// Sweeps of the flood fill (flood_fill.cu) along single lines of a grid, a thread a line. No host-only includes.
+// Sweeps of the flood fill (flood_fill.cu) along lines of a grid, one thread per line. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/views.h"
@@ -6,13 +6,13 @@
 
 namespace voxelpipe::cuda {
 
-// Bit grids of a whole grid, rows as GridView has them.
+// Bit grids of a whole grid, with the rows of GridView.
 struct FloodView {
-  const uint32_t* shell = nullptr;    // voxels that are closed
+  const uint32_t* shell = nullptr;    // closed voxels
   uint32_t* reached = nullptr;        // open voxels reached from outside so far
-  int64_t words = 1, ny = 1, nz = 1;  // words a row
-  uint32_t last_mask = ~0u;           // the voxels of a row's last word
-  int last_bit = 31;                  // the last voxel in it
+  int64_t words = 1, ny = 1, nz = 1;  // words per row
+  uint32_t last_mask = ~0u;           // valid voxels of a row's last word
+  int last_bit = 31;                  // the last of them
 };
 
 VOXELPIPE_HD FloodView FloodViewOf(const GridView& grid, const uint32_t* shell, uint32_t* reached) {
@@ -28,15 +28,15 @@ VOXELPIPE_HD FloodView FloodViewOf(const GridView& grid, const uint32_t* shell, 
   return flood;
 }
 
-// The voxels that exist in word `w` of a row.
+// The valid voxels of word `w` of a row.
 __device__ inline uint32_t MaskOf(const FloodView& flood, int64_t w) {
   return w + 1 == flood.words ? flood.last_mask : ~0u;
 }
 
-// Along `length` words, `step` apart, from outside to where they are open; `mask` has their voxels. Whether anything
-// new is reached.
+// Propagates along `length` words, `step` apart, starting outside. `mask`: the valid voxels of the words. True if
+// anything new is reached.
 __device__ inline bool SweepWords(const FloodView& flood, int64_t at, int64_t step, int64_t length, uint32_t mask) {
-  constexpr int kAhead = 8;  // words loaded together: one at a time, a line would wait for memory at each
+  constexpr int kAhead = 8;  // words loaded together, to overlap their latencies
   bool changed = false;
   uint32_t carry = ~0u;
   for (int64_t k = 0; k < length; k += kAhead) {
@@ -60,7 +60,7 @@ __device__ inline bool SweepWords(const FloodView& flood, int64_t at, int64_t st
   return changed;
 }
 
-// Adds seeds to word `w` of a row, word `at` of the grid; what it then holds.
+// Adds seeds to word `w` of a row, at index `at` of the grid. Returns its new value.
 __device__ inline uint32_t Grow(const FloodView& flood, int64_t at, int64_t w, uint32_t seeds, bool& changed) {
   const uint32_t open = ~flood.shell[at] & MaskOf(flood, w), before = flood.reached[at];
   if ((seeds & open & ~before) == 0) return before;
@@ -68,13 +68,12 @@ __device__ inline uint32_t Grow(const FloodView& flood, int64_t at, int64_t w, u
   return flood.reached[at] = SpreadInWord(before | seeds, open);
 }
 
-// One sweep: all lines along an axis, 0 to 2, each from its one end to the other and back. Lines write nothing that
-// others read.
+// A sweep: all lines along an axis, 0 to 2, forward and backward. Lines are independent.
 VOXELPIPE_HD int64_t LinesAlong(const FloodView& flood, int axis) {
   if (axis == 0) return flood.ny * flood.nz;
   return flood.words * (axis == 1 ? flood.nz : flood.ny);
 }
-// Line number `line` of a sweep. The layer around the grid is reached. Whether anything new is.
+// Processes line `line` of a sweep. The layer around the grid counts as reached. True if anything new is reached.
 __device__ inline bool SweepLine(const FloodView& flood, int axis, int64_t line) {
   if (axis == 0) {
     const int64_t start = line * flood.words;

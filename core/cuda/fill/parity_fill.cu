@@ -1,9 +1,9 @@
-// Parity fill: one toggled bit a crossing, then a suffix exclusive-or along each row. Nonzero fill: a sum of signs a
-// crossing, then suffix sums. And the filled voxels' values.
+// Parity fill: one toggled bit per crossing, then a suffix exclusive-or along each row. Nonzero fill: a sum of signs
+// per crossing, then suffix sums. Also stores the values of filled voxels.
 //
 // Source: the fill of M. Schwarz and H.-P. Seidel, "Fast Parallel Surface and Solid Voxelization on GPUs", 2010,
-// section 5. Changed: crossings are counted per edge (raster/crossing.h), so that closed meshes leave no streaks; a
-// single bit is toggled and spread at the end.
+// section 5. Differences: crossings are counted per edge (raster/crossing.h), so closed meshes leave no streaks; a
+// single bit is toggled per crossing and spread at the end.
 #include <algorithm>
 
 #include "cuda/device/launch.cuh"
@@ -22,8 +22,8 @@ __global__ void __launch_bounds__(kFillThreads) SuffixXor(uint32_t* bits, uint64
   }
 }
 
-// Bit i of a row becomes whether the sums at i and beyond do not sum to 0; rows whose signs do not are counted. A warp
-// a row, from its end.
+// Suffix sums: bit i of a row is set if the sums at i and beyond do not add up to 0; rows with a non-zero total are
+// counted as odd columns. One warp per row, from its end.
 __global__ void __launch_bounds__(kFillThreads)
     SpreadSums(const __grid_constant__ SumView view, uint64_t* odd_columns) {
   const int lane = int(threadIdx.x % 32);
@@ -38,7 +38,7 @@ __global__ void __launch_bounds__(kFillThreads)
       const int64_t first = end - 32;
       uint32_t word = first + lane >= 0 ? at[first + lane] : 0;
       const uint32_t some = __ballot_sync(~0u, word != 0);
-      for (int k = 31; k >= 0; --k) {  // words, from the last
+      for (int k = 31; k >= 0; --k) {  // words, from the last to the first
         const uint32_t marked = __shfl_sync(~0u, word, k);
         uint32_t inside = beyond != 0 ? ~0u : 0;
         if ((some >> k & 1) != 0) {
@@ -164,7 +164,7 @@ absl::Status SolidFill(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(request.fill == Fill::kFlood     ? FloodInside(state)
                          : request.fill == Fill::kNonzero ? NonzeroInside(state)
                                                           : ParityInside(state));
-  if (request.result == ResultKind::kSparse) return absl::OkStatus();  // the bricks are filled as they are made
+  if (request.result == ResultKind::kSparse) return absl::OkStatus();  // MakeBricks fills the bricks
   for (int t = 0; t < state.targets.count; ++t) {
     if (state.targets.at[t].format != VoxelFormat::kBit) VOXELPIPE_OK_OR_RETURN(FillTarget(state, t));
   }

@@ -1,7 +1,6 @@
-// Bricks of a sparse result, made of the slab's coverage.
+// Makes the bricks of a sparse result from the slab's coverage.
 //
-// A tile is four bricks along x, and tiles are as high and as deep as bricks, so bricks in the order of tiles are in
-// the order of brick ids.
+// A tile is four bricks along x and one along y and z, so tile order is the order of brick ids.
 #include <algorithm>
 
 #include "cuda/primitives/scan.h"
@@ -22,8 +21,8 @@ struct BrickArgs {
   const uint32_t *coverage, *inside;  // bit grids; inside may be null
   uint32_t *brick_counts, *voxel_counts;
   const uint64_t *first_brick, *first_voxel;
-  uint32_t* listed_bits;  // not null: the bit of each voxel; values of fragments come later
-  bool emits;             // true if any value is stored here
+  uint32_t* listed_bits;  // if not null: receives the bit index of each voxel; values are stored later
+  bool emits;             // true if this kernel stores any values
   TargetViews targets;
   FillValue fill[kMaxTargets];  // of filled results
   uint64_t all_voxels;
@@ -32,7 +31,7 @@ struct BrickArgs {
   uint8_t* out[kMaxTargets];
 };
 
-// The slab's tile: its coordinates among the grid's tiles.
+// Coordinates of the slab's tile among the grid's tiles.
 struct TileAt {
   int64_t x, y, z;
 };
@@ -41,7 +40,7 @@ __device__ inline TileAt Locate(const BrickArgs& args, uint64_t tile) {
   return {int64_t(tile % nx), int64_t(tile / nx % ny), int64_t(tile / nx / ny) + args.grid.slab_begin / 8};
 }
 
-// Index of the tile's row in the bit grids; false where the row is outside the grid.
+// Word index of the tile's row in the bit grids; false if the row is outside the grid.
 __device__ inline bool RowWord(const BrickArgs& args, const TileAt& at, int row, uint64_t& word) {
   const int64_t y = at.y * 8 + row % 8, z = at.z * 8 + row / 8;
   if (y >= args.grid.dims[1] || z >= args.grid.slab_end) return false;
@@ -53,8 +52,8 @@ __device__ inline uint32_t OccupiedWord(const BrickArgs& args, uint64_t word) {
   return args.inside == nullptr ? args.coverage[word] : args.coverage[word] | args.inside[word];
 }
 
-// A thread a tile: neighbours along x read neighbouring words. Behind the last stands a 0, so that its scan is the
-// total.
+// One thread per tile: neighbours along x read adjacent words. One more element is 0, so that the prefix sum ends with
+// the total.
 __global__ void __launch_bounds__(kThreads) CountBricks(const __grid_constant__ BrickArgs args) {
   const uint64_t tile = uint64_t(blockIdx.x) * kThreads + threadIdx.x;
   if (tile == args.tile_count) args.brick_counts[tile] = args.voxel_counts[tile] = 0;
@@ -74,7 +73,7 @@ __global__ void __launch_bounds__(kThreads) CountBricks(const __grid_constant__ 
   args.voxel_counts[tile] = voxels;
 }
 
-// By one thread: to where the host reads other counters too, since each copy takes some 10 us.
+// One thread. Copies the totals next to the other counters that the host reads, since each copy takes about 10 us.
 __global__ void CopyTotals(const uint64_t* bricks, const uint64_t* voxels, uint64_t* counters) {
   counters[kListedBricks] = *bricks;
   counters[kListedVoxels] = *voxels;
@@ -93,14 +92,15 @@ __device__ inline void StoreElement(uint8_t* to, VoxelFormat format, uint64_t at
   }
 }
 
-// What voxel `x` of a tile's row holds, occupied voxel number n of the result.
+// Stores the values of voxel `x` of a tile's row as voxel n of the result.
 __device__ inline void EmitVoxel(const BrickArgs& args, const TileAt& tile, int row, int x, uint64_t word, uint64_t n) {
   const bool here = (args.coverage[word] >> x & 1) != 0;
   for (int t = 0; t < args.targets.count; ++t) {
     const CudaTarget& target = args.targets.at[t];
-    // Where another target's fragment covers the voxel and this one's were discarded, what a dense target holds.
+    // If another target's fragment covers the voxel and this target's were discarded, it has the value of a dense
+    // target.
     const bool kept = here && (!target.own_presence || (target.presence[word] >> x & 1) != 0);
-    if (kept && target.format != VoxelFormat::kBit) continue;  // stored later (StoreListed)
+    if (kept && target.format != VoxelFormat::kBit) continue;  // stored by StoreListed
     const bool filled = !here || (args.inside != nullptr && (args.inside[word] >> x & 1) != 0);
     for (int c = 0; c < target.components; ++c) {
       uint32_t stored = target.clear_stored;
@@ -117,7 +117,7 @@ __device__ inline void EmitVoxel(const BrickArgs& args, const TileAt& tile, int 
   }
 }
 
-// By a warp: lane l has rows l and l + 32.
+// One warp: lane l processes rows l and l + 32.
 __device__ inline void EmitTile(const BrickArgs& args, uint64_t tile) {
   const int lane = int(threadIdx.x % 32);
   const auto nbx = uint64_t((args.grid.dims[0] + 7) / 8), nby = uint64_t((args.grid.dims[1] + 7) / 8);
@@ -151,7 +151,7 @@ __device__ inline void EmitTile(const BrickArgs& args, uint64_t tile) {
   }
 }
 
-// A warp a tile. It looks at 32 of its tiles at once, most of which are empty.
+// One warp per tile, 32 tiles at a time, most of which are empty.
 __global__ void __launch_bounds__(kThreads) EmitBricks(const __grid_constant__ BrickArgs args) {
   const uint64_t warps = uint64_t(gridDim.x) * (kThreads / 32);
   const uint64_t warp = uint64_t(blockIdx.x) * (kThreads / 32) + threadIdx.x / 32;

@@ -1,4 +1,4 @@
-// Bit grids become packed bits without padding between rows; counts of set bits. No host-only includes.
+// Packs bit grids to bits without padding between rows, and counts set bits. No host-only includes.
 #pragma once
 
 #include "cuda/primitives/views.h"
@@ -13,14 +13,14 @@ struct PackArgs {
   uint32_t* out;
 };
 
-// The bits of voxel x .. x+31 of a row's word.
+// The result bits of the 32 voxels of a row's word.
 __device__ inline uint32_t ValueWord(const PackArgs& a, uint64_t word) {
   const uint32_t here = a.present[word], inside = a.inside == nullptr ? 0 : a.inside[word];
   const uint32_t elsewhere = (inside & a.fill) | (~inside & a.clear);
   return (here & a.value[word]) | (~here & elsewhere);
 }
 
-// Word w of the packed bits, gathered from the rows it spans.
+// Word w of the packed bits, gathered from the rows that it spans.
 __device__ inline uint32_t PackedWord(const PackArgs& a, uint64_t w) {
   uint32_t packed = 0;
   uint64_t row = w * 32 / uint64_t(a.nx);
@@ -43,8 +43,8 @@ __device__ inline uint32_t PackedWord(const PackArgs& a, uint64_t w) {
   return packed;
 }
 
-// Adds the set bits of a, or of a and b together, of words begin, begin + step, ... to a counter. All threads of a warp
-// call it.
+// Adds the number of set bits of `a`, or of `a | b`, in words begin, begin + step, ... to a counter. All threads of a
+// warp call it.
 __device__ inline void AddBits(const uint32_t* a, const uint32_t* b, uint64_t words, uint64_t begin, uint64_t step,
                                uint64_t* counter) {
   uint64_t sum = 0;

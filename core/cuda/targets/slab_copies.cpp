@@ -27,13 +27,13 @@ absl::StatusOr<SlabArrays> SlabCopies::Start(RunState& state) {
   absl::StatusOr<std::shared_ptr<Event>> copied = Record(use_->stream());
   if (started.ok()) started = copied.status();
   if (!started.ok()) {
-    Wait();  // before buffers and arrays go
+    Wait();  // before buffers and arrays are released
     return started;
   }
   now.copied = *std::move(copied);
   now.targets = std::move(state.target_memory);
   now.coverage = std::move(state.coverage);
-  // The stages may have the other set when its copy is done.
+  // The stages may use the other set when its copy is done.
   if (other_.copied != nullptr) VOXELPIPE_CUDA_OR_RETURN(cudaStreamWaitEvent(state.stream, other_.copied->event, 0));
   state.target_memory = std::move(other_.targets);
   state.coverage = std::move(other_.coverage);

@@ -1,4 +1,4 @@
-// Dense slabs on their way to the host while the next one is worked on.
+// Copies finished dense slabs to the host while the next slab is processed.
 #pragma once
 
 #include <array>
@@ -13,30 +13,30 @@
 
 namespace voxelpipe::cuda {
 
-// A target's bytes on the device.
+// The bytes of a target on the device.
 struct DenseSource {
   const void* from;
   uint64_t bytes;
 };
 
-// The targets of the state's dense slab in their result format. What they read besides the state's own arrays is added
-// to `packed`.
+// Converts the targets of the state's dense slab to their result format. Temporary arrays are added to `packed`.
 absl::Status PackDense(RunState& state, std::vector<DeviceArray<uint32_t>>& packed, std::vector<DenseSource>& sources);
-// Starts their copies, into pinned memory where there is some. The buffers take part in the stream's work until that is
-// done, also where this fails.
+// Queues their copies, to pinned memory if available. The buffers are in use until the stream's work is done, even
+// after an error.
 absl::Status CopyDense(const std::vector<DenseSource>& sources, cudaStream_t stream, ResultArrays& out);
 
-// Copies go on a stream of their own, from one of two sets of the slab's arrays, while the stages fill the other. They
-// overlap where the host's memory is pinned. Of one run; not thread-safe. At its end it waits for the copies.
+// Double buffering: copies run on a separate stream from one of two sets of the slab's arrays, while the stages fill
+// the other. They overlap only if the host memory is pinned. For one run; not thread-safe. The destructor waits for the
+// copies.
 class SlabCopies {
  public:
   static absl::StatusOr<SlabCopies> Make(int ordinal);
   SlabCopies(SlabCopies&&) = default;
   ~SlabCopies() { Wait(); }
 
-  // Starts the copy of the slab that the state has finished, and gives the state the other set of arrays.
+  // Starts the copy of the finished slab, and gives the state the other set of arrays.
   absl::StatusOr<SlabArrays> Start(RunState& state);
-  // Waits for the copies and gives the other set's memory back, in the order of the state's stream.
+  // Waits for the copies and releases the other set's memory, in the order of the state's stream.
   void Forget();
 
  private:
@@ -53,7 +53,7 @@ class SlabCopies {
     std::array<TargetMemory, kMaxTargets> targets;
     DeviceArray<uint32_t> coverage;
     std::vector<DeviceArray<uint32_t>> packed;
-    std::shared_ptr<Event> copied;  // null: nothing is being copied
+    std::shared_ptr<Event> copied;  // null: no copy in progress
   };
 
   explicit SlabCopies(DeviceUse use) : use_(std::make_unique<DeviceUse>(std::move(use))) {}
@@ -62,7 +62,7 @@ class SlabCopies {
     if (use_ != nullptr) use_->Wait();
   }
 
-  std::unique_ptr<DeviceUse> use_;  // of the stream that copies
+  std::unique_ptr<DeviceUse> use_;  // with the copy stream
   Set other_;
 };
 

@@ -1,4 +1,4 @@
-// Allocation, clearing, packing and counting of the render targets, and their way to the host.
+// Allocates, clears, packs and counts the render targets, and copies them to the host.
 #include <algorithm>
 #include <vector>
 
@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kThreads = 256;
 
-// `words` words of a repeated 32-bit pattern.
+// Writes `words` words of a repeated 32-bit pattern.
 __global__ void __launch_bounds__(kThreads) FillWords(uint32_t* to, uint64_t words, uint32_t pattern) {
   for (uint64_t i = uint64_t(blockIdx.x) * kThreads + threadIdx.x; i < words; i += uint64_t(gridDim.x) * kThreads) {
     to[i] = pattern;
@@ -43,7 +43,7 @@ absl::Status ClearedBits(RunState& state, DeviceArray<uint32_t>& grid) {
 
 absl::Status ClearElements(RunState& state, DeviceArray<uint8_t>& array, uint32_t pattern) {
   if (pattern == 0) return array.Fill(0, state.stream);
-  const uint64_t words = (array.size() + 3) / 4;  // the pool's blocks end on multiples of 256 bytes
+  const uint64_t words = (array.size() + 3) / 4;  // the pool's allocations are multiples of 256 bytes
   FillWords<<<BlocksFor(words, kThreads), kThreads, 0, state.stream>>>(reinterpret_cast<uint32_t*>(array.data()), words,
                                                                        pattern);
   VOXELPIPE_LAUNCHED_OR_RETURN("FillWords");
@@ -70,10 +70,10 @@ absl::Status Allocate(RunState& state, CudaTarget& target, TargetMemory& memory)
   return ClearElements(state, memory.dense, PatternOf(target));
 }
 
-// Small results wait for the driver's staging no longer than for a pinned block.
+// For smaller results the driver's staging is as fast as a pinned block.
 constexpr uint64_t kMinPinned = 64 << 10;
 
-// The buffer takes part in the stream's work until that is done, also where this fails.
+// The buffer is in use until the stream's work is done, even after an error.
 absl::Status CopyToHost(const void* from, uint64_t bytes, cudaStream_t stream, HostBuffer& to) {
   void* const block = bytes < kMinPinned ? nullptr : TakePinned(bytes);
   if (block != nullptr) {
@@ -87,7 +87,7 @@ absl::Status CopyToHost(const void* from, uint64_t bytes, cudaStream_t stream, H
   return absl::OkStatus();
 }
 
-// A bit target's packed bits.
+// Packs the bits of a bit target.
 absl::Status PackBitTarget(RunState& state, const CudaTarget& target, const TargetSpec& spec,
                            std::vector<DeviceArray<uint32_t>>& packed, std::vector<DenseSource>& sources) {
   const uint64_t bytes = (state.slab_voxels() + 7) / 8;
@@ -119,7 +119,7 @@ absl::Status Take(const DeviceArray<T>& from, uint64_t count, HostBuffer& to, cu
   return CopyToHost(from.data(), count * sizeof(T), stream, to);
 }
 
-// The arrays of a sparse or bucketed result.
+// Copies the arrays of a sparse or bucketed result.
 absl::Status CopyResult(RunState& state, ResultArrays& out) {
   DeviceResult& r = state.result;
   const bool buckets = state.request.request.result == ResultKind::kBuckets;
@@ -161,7 +161,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   }
   if (state.plan.path == Path::kBricks) {
     state.coverage.Free();
-  } else if (state.plan.path == Path::kOccupancy) {  // what draws there writes all of it
+  } else if (state.plan.path == Path::kOccupancy) {  // the rasterizer writes all of it
     VOXELPIPE_OK_OR_RETURN(state.coverage.Resize(state.slab_words(), state.stream));
   } else {
     VOXELPIPE_OK_OR_RETURN(ClearedBits(state, state.coverage));
@@ -177,10 +177,12 @@ void AbandonSlab(RunState& state) {
   state.a_buffer.Free();
   state.sparse.Free();
   state.owners.Free();
-  state.span_targets = {};  // with the values of all triangles, which are made anew
+  state.sparse.pool.Free();
+  state.bit_pool.Free();
+  state.span_targets = {};  // includes the values of all triangles, which are recomputed
   state.scratch.Free();
-  if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call says so
-  // Walks do without.
+  if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call returns the error
+  // Kernels work without it.
   state.scattered_mesh.Drop();
   TrimMemory(state.device.ordinal);
 }
@@ -224,7 +226,7 @@ absl::Status CopyDense(const std::vector<DenseSource>& sources, cudaStream_t str
 
 namespace {
 
-// What the lists of a sparse or bucketed result take on the host.
+// Host bytes of the lists of a sparse or bucketed result.
 uint64_t ListedBytes(const RunState& state) {
   const VoxelizeRequest& request = state.request.request;
   const DeviceResult& lists = state.result;
@@ -249,7 +251,7 @@ absl::StatusOr<ResultArrays> Finish(RunState& state) {
     return CopyDense(sources, state.stream, out);
   };
   const absl::Status status = kind == ResultKind::kDense ? copy_dense() : CopyResult(state, out);
-  // Also after an error: buffers go back to their pools only when no copy is on its way to them.
+  // Also after an error: buffers return to their pools only when no copy into them is in progress.
   const cudaError_t error = cudaStreamSynchronize(state.stream);
   if (!status.ok()) return status;
   VOXELPIPE_CUDA_OR_RETURN(error);

@@ -1,5 +1,5 @@
-// A pose's way to the device: the primitives before any pose, which the device keeps with the mesh, and the matrices
-// and weights of the request.
+// Uploads a pose: the primitives before any pose, which are cached with the mesh, and the matrices and weights of the
+// request.
 #include <unordered_map>
 #include <vector>
 
@@ -13,7 +13,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// Arrays of the host in one block, each once, and where each of them is.
+// Packs distinct host arrays into one block and records their offsets.
 class Block {
  public:
   template <typename T>
@@ -23,7 +23,7 @@ class Block {
   }
   uint64_t bytes() const { return layout_.bytes(); }
 
-  // The place of an array in the block that begins at `there`; null for one that was not added.
+  // Address of an array in the block that starts at `there`; null if it was not added.
   template <typename T>
   const T* At(const uint8_t* there, const T* from) const {
     const auto found = at_.find(from);
@@ -60,7 +60,7 @@ void AddRest(const RestPrimitiveView& rest, uint64_t vertices, Block& block) {
   }
 }
 
-// The primitives' arrays on the device.
+// Uploads the primitives' arrays, or finds them in the cache.
 absl::StatusOr<const uint8_t*> UploadRest(RunState& state, const Block& block, DeviceArray<uint8_t>& own) {
   const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);
   if (!shared.id.empty() && block.bytes() > 0) {

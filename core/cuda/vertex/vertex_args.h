@@ -1,4 +1,4 @@
-// What the kernels of vertex shading get. No host-only includes.
+// Arguments of the vertex shading kernels. No host-only includes.
 #pragma once
 
 #include <cstdint>
@@ -7,16 +7,16 @@
 
 namespace voxelpipe::cuda {
 
-// Arrays that are null are not read, or not wanted. What is written may be what is read.
+// Null arrays are not read or not written. Outputs may alias inputs.
 struct VertexArgs {
   ShaderParams params;
   uint64_t count = 0;
-  const Vec3d* positions = nullptr;  // as Flatten left them, world space
+  const Vec3d* positions = nullptr;  // as flattened, world space
   const Vec3f* normals = nullptr;
   const Vec4f* tangents = nullptr;
   const PosedPartView* posed =
       nullptr;  // one a part of the mesh, in place of the arrays above; null: no pose is asked for
-  const uint64_t* first_vertex = nullptr;  // of each part
+  const uint64_t* first_vertex = nullptr;  // per part of the mesh
   uint32_t part_count = 0;
   Vec3d* shaded_positions = nullptr;
   Vec3f* shaded_normals = nullptr;

@@ -1,4 +1,4 @@
-// The kernels of vertex shading, a vertex a thread, and of the extent of what they leave, a triangle a thread. No
+// Kernels of vertex shading (one thread per vertex) and of measuring the shaded mesh (one thread per triangle). No
 // host-only includes.
 #pragma once
 
@@ -43,10 +43,10 @@ __global__ void __launch_bounds__(kVertexThreads) ShadeVertices(const __grid_con
   }
 }
 
-// What MeshExtent is made of: the box of the vertices that triangles use, and SurfaceSums.
+// Partial results of MeshExtent: the bounding box of the vertices that triangles use, and SurfaceSums.
 struct Surface {
-  // Three numbers each, but for the last three: the signed volume, from the mesh's first used vertex; triangles by
-  // their weights; those with a vertex that is not finite.
+  // Layout of `number`: three numbers each, except the last three: the signed volume relative to the mesh's first used
+  // vertex; the weighted number of triangles; the number of triangles with a non-finite vertex.
   static constexpr int kMin = 0, kMax = 3, kArea = 6, kDominant = 9, kWidth = 12, kNormal = 15, kVolume = 18,
                        kTriangles = 19, kBad = 20, kNumbers = 21;
   double number[kNumbers];
@@ -65,8 +65,8 @@ __device__ inline Surface NoSurface() {
   return s;
 }
 
-// Joins what the threads of a block have, always in the same order, and writes it. All threads call it; kThreads a
-// multiple of 32.
+// Reduces the partial results of a block's threads in a fixed order and writes the result. All threads call it;
+// kThreads must be a multiple of 32.
 template <int kThreads>
 __device__ inline void WriteJoined(Surface& s, Surface* to) {
   __shared__ double of_warps[Surface::kNumbers][kThreads / 32];
@@ -87,9 +87,9 @@ __device__ inline void WriteJoined(Surface& s, Surface* to) {
 
 struct MeasureArgs {
   const Vec3d* positions = nullptr;
-  const uint32_t* triangles = nullptr;  // three each
+  const uint32_t* triangles = nullptr;  // three indices per triangle
   uint64_t count = 0;
-  GridWindow window;  // of Sums::kInWindow
+  GridWindow window;  // for Sums::kInWindow
   Surface* of_blocks = nullptr;
 };
 
@@ -100,7 +100,7 @@ __global__ void __launch_bounds__(kMeasureThreads) MeasureTriangles(const Measur
   Surface s = NoSurface();
   const Vec3d reference = args.positions[args.triangles[0]];
   GridWindow window = args.window;
-  if (kSums != Sums::kInWindow) window.dims = {};  // known to the compiler, which leaves the clipping out
+  if (kSums != Sums::kInWindow) window.dims = {};  // a compile-time constant, so that the compiler removes the clipping
   const TriangleScale scale(window);
   const uint64_t step = uint64_t(gridDim.x) * kMeasureThreads;
   for (uint64_t t = uint64_t(blockIdx.x) * kMeasureThreads + threadIdx.x; t < args.count; t += step) {
@@ -132,7 +132,7 @@ __global__ void __launch_bounds__(kMeasureThreads) MeasureTriangles(const Measur
   WriteJoined<kMeasureThreads>(s, args.of_blocks + blockIdx.x);
 }
 
-// One block.
+// One block: reduces the results of all blocks.
 __global__ void __launch_bounds__(kMaxMeasureBlocks) JoinSurfaces(const Surface* of_blocks, int blocks, Surface* to) {
   Surface s = int(threadIdx.x) < blocks ? of_blocks[threadIdx.x] : NoSurface();
   WriteJoined<kMaxMeasureBlocks>(s, to);

@@ -1,8 +1,8 @@
-// Vertex shading and the mesh's way to the device.
+// Vertex shading, and upload of the mesh.
 //
-// The device shades: it gets the arrays as Flatten left them, or keeps them, and the shader's parameters. Poses are
-// evaluated on the host, which has libm; what they move is there too (pose_upload.cpp). The host shades where something
-// is wrong with the result, to say which vertex, and of small meshes that no shader changes it finds the box sooner.
+// The device shades: it reads the flattened arrays, uploaded or cached, and the shader's parameters. Poses are
+// evaluated on the host with libm and uploaded (pose_upload.cpp). The host shades if the result is invalid, to name the
+// vertex; and it measures small meshes that no shader changes, because it is faster than waiting for the device.
 #include <optional>
 #include <span>
 #include <string>
@@ -19,8 +19,8 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// Uploads an array where it is wanted; `view` becomes its address on the device. `kept`: it is the mesh's own, as it
-// was loaded, and `part` says which of its arrays: where the mesh has an id the device may have it already.
+// Uploads an array if it is wanted and sets `view` to its device address. `kept`: it is an array of the loaded mesh,
+// named by `part`, so if the mesh has an id the device may have it cached.
 template <typename T>
 absl::Status UploadIf(RunState& state, bool wanted, bool kept, const char* part, const T* from, uint64_t count,
                       DeviceArray<T>& to, const T*& view) {
@@ -51,7 +51,7 @@ absl::Status UploadTextures(RunState& state) {
   for (size_t i = 0; i < textures.size(); ++i) {
     TextureView& t = textures[i];
     if (t.rgba == nullptr) continue;
-    // A texture stands in the list twice, as linear values and as sRGB colours: of one image.
+    // A texture is listed twice, as linear values and as sRGB colours, with one image.
     if (i > 0 && host.textures[i - 1].rgba == t.rgba) {
       t.rgba = textures[i - 1].rgba;
     } else {
@@ -87,7 +87,7 @@ absl::Status UploadAttributes(RunState& state) {
   return absl::OkStatus();
 }
 
-// Whether positions depend on normals or tangents.
+// True if positions depend on normals or tangents.
 bool PositionsNeedNormals(VertexShaderId id) {
   switch (id) {
     case VertexShaderId::kDisplaceAlongNormal: return true;
@@ -99,7 +99,7 @@ bool PositionsNeedNormals(VertexShaderId id) {
   return true;
 }
 
-// What of the mesh's own arrays the stages, or the vertex shader on the device, read.
+// Arrays of the mesh that the stages or the vertex shader read on the device.
 struct Wanted {
   bool positions = true, normals = false, tangents = false;
 };
@@ -113,7 +113,7 @@ absl::Status UploadMesh(RunState& state, const Wanted& wanted) {
   MeshView& there = mesh.host_view;
   const auto upload = [&](bool wants, bool kept, const char* part, const auto* from, uint64_t count, auto& to,
                           auto& view) { return UploadIf(state, wants, kept, part, from, count, to, view); };
-  // Of a mesh that was moved all else may be there.
+  // If the mesh was moved, its other arrays may still be cached.
   const bool kept_positions = SharedArraysOf(state.host.mesh.content_id).positions;
   mesh.as_loaded = true;
   VOXELPIPE_OK_OR_RETURN(
@@ -134,12 +134,12 @@ absl::Status UploadMesh(RunState& state, const Wanted& wanted) {
     VOXELPIPE_OK_OR_RETURN(UploadTextures(state));
     VOXELPIPE_OK_OR_RETURN(UploadAttributes(state));
   }
-  mesh.host_view.index_positions = nullptr;  // CoarseRaster makes them, and uploads the view
+  mesh.host_view.index_positions = nullptr;  // set by CoarseRaster, which uploads the view
   mesh.view.Free();
   return absl::OkStatus();
 }
 
-// Room for what the shader makes of an array: that of the upload, or one beside what the device keeps.
+// Memory for the shader's output: the uploaded array itself, or a new one if the input is cached.
 template <typename T>
 absl::Status MakeRoom(const RunState& state, DeviceArray<T>& to, T*& shaded) {
   VOXELPIPE_OK_OR_RETURN(to.Resize(state.host.view.vertex_count, state.stream));
@@ -147,7 +147,7 @@ absl::Status MakeRoom(const RunState& state, DeviceArray<T>& to, T*& shaded) {
   return absl::OkStatus();
 }
 
-// Uploads the mesh, if it is not there, and runs the vertex shader on it.
+// Uploads the mesh unless it is cached, and runs the vertex shader.
 absl::Status ShadeOnDevice(RunState& state, const cpu::PosedMesh& posed, const cpu::VertexWork& work) {
   const MeshView& host = state.host.view;
   const auto shader = VertexShaderId(state.request.vertex_shader.id);
@@ -184,20 +184,20 @@ absl::Status ShadeOnDevice(RunState& state, const cpu::PosedMesh& posed, const c
   if (moves) VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.velocities, args.velocities));
   there.velocities = args.velocities;
   VOXELPIPE_OK_OR_RETURN(RunVertexShader(state, shader, args));
-  if (!shading) {  // they were the shader's only
+  if (!shading) {  // only the shader needed them
     mesh.normals.Free();
     mesh.tangents.Free();
   }
   return absl::OkStatus();
 }
 
-// Of the mesh: what the run has on the device, and what stays in pinned memory from where it went there. Once a run.
+// Bytes held for the mesh: the run's device memory, and pinned memory from which it was uploaded. Call once per run.
 uint64_t HeldBytes(RunState& state) {
   for (const PinnedBuffer& buffer : state.staged) state.memory.KeepOnHost(buffer.size());
   return state.memory.taken_bytes();
 }
 
-// Below so many triangles the host finds the box sooner than the device answers.
+// Below so many triangles the host measures faster than the device responds.
 constexpr uint64_t kMinMeasured = 1 << 16;
 
 }  // namespace
@@ -221,7 +221,7 @@ absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
   const cpu::VertexWork work = cpu::WorkOf(host, *posed);
   const bool empty = host.view.triangle_count == 0;
   if (empty || (!work.places && host.view.triangle_count < kMinMeasured)) {
-    // Nothing is placed anew, so the box is that of the mesh as it is.
+    // Vertices do not change, so the box is that of the mesh itself.
     absl::StatusOr<MeshExtent> extent = cpu::MeasureMesh(host);
     if (!extent.ok()) return extent.status();
     state.box = extent->box;

@@ -1,4 +1,4 @@
-// Launches of vertex shading.
+// Launches the kernels of vertex shading and measuring.
 #include <algorithm>
 #include <optional>
 
@@ -9,7 +9,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// A kernel for each shader: what they hold in registers differs much.
+// One kernel per shader, because their register use differs widely.
 auto KernelOf(VertexShaderId shader) {
   switch (shader) {
 #define VOXELPIPE_CASE(name) \
@@ -63,7 +63,7 @@ absl::StatusOr<std::optional<MeshExtent>> MeasureOnDevice(RunState& state) {
   if (s.number[Surface::kBad] != 0) return std::optional<MeshExtent>();
   MeshExtent extent;
   extent.box = {Three(s, Surface::kMin), Three(s, Surface::kMax), false};
-  for (int a = 0; a < 3; ++a) {  // -0 and +0 are one corner
+  for (int a = 0; a < 3; ++a) {  // normalizes -0 to +0
     extent.box.min[a] += 0.0;
     extent.box.max[a] += 0.0;
   }
@@ -73,7 +73,7 @@ absl::StatusOr<std::optional<MeshExtent>> MeasureOnDevice(RunState& state) {
   made.area = Three(s, Surface::kArea);
   made.dominant = Three(s, Surface::kDominant);
   made.width = Three(s, Surface::kWidth);
-  // From the reference to the box's centre, which was not known before.
+  // Moves the volume's reference point to the box's centre, which was not known before.
   const Vec3d centre = (extent.box.min + extent.box.max) * 0.5;
   made.volume = s.number[Surface::kVolume] - Dot(centre - reference, Three(s, Surface::kNormal)) / 6;
   extent.sums = made;

@@ -1,4 +1,4 @@
-// What the parts of vertex shading on the device tell each other.
+// Interface between the files of vertex shading on the device.
 #pragma once
 
 #include <optional>
@@ -10,24 +10,22 @@
 
 namespace voxelpipe::cuda {
 
-// Device memory that a pose takes besides what the device keeps of the mesh; must live until the kernels that read it
-// are launched.
+// Device memory of a pose that is not cached with the mesh. Must live until the kernels that read it are launched.
 struct DevicePose {
   DeviceArray<uint8_t> rest, pose;
 };
 
-// Uploads the mesh's primitives, unless the device keeps them, and the pose; sets what `args` has of a pose. `posed`
-// must have parts.
+// Uploads the mesh's primitives, unless cached, and the pose; sets the pose members of `args`. `posed` must have parts.
 absl::Status UploadPose(RunState& state, const cpu::PosedMesh& posed, DevicePose& memory, VertexArgs& args);
 
-// Launches the shader over all vertices.
+// Launches the shader for all vertices.
 absl::Status RunVertexShader(const RunState& state, VertexShaderId shader, const VertexArgs& args);
 
-// True if the plan follows from more than the grid: the sums of MeshExtent are wanted.
+// True if the plan depends on the sums of MeshExtent, not only on the grid.
 bool WantsSums(const VoxelizeRequest& request);
 
-// The extent of the mesh as state.mesh.host_view shows it, which has triangles; `held_bytes` stays 0. The sums only
-// where the plan needs them. Absent where a vertex of a triangle is not finite. Synchronizes.
+// Measures the mesh in state.mesh.host_view, which must have triangles. `held_bytes` stays 0; sums are computed only if
+// the plan needs them. nullopt if a triangle has a non-finite vertex. Synchronizes.
 absl::StatusOr<std::optional<MeshExtent>> MeasureOnDevice(RunState& state);
 
 }  // namespace voxelpipe::cuda
