@@ -10,13 +10,14 @@
 namespace voxelpipe::cuda {
 namespace {
 
-BitArgs MakeCellWalk(const RunState& state) {
+// `by_place`: in the spatial order, if the mesh has one; else by triangle id.
+BitArgs MakeCellWalk(const RunState& state, bool by_place = false) {
   BitArgs args;
   args.grid = state.view;
   args.bits = TouchedBits(const_cast<RunState&>(state));
   args.coverage = state.request.request.coverage;
   SetTriangles(state, args);
-  UsePacked(state, args);
+  UsePacked(state, args, by_place);
   args.layer_queue = const_cast<uint32_t*>(state.queue[1].data());
   args.large_queue = const_cast<uint32_t*>(state.queue[2].data());
   args.queued = const_cast<uint64_t*>(state.counters.data()) + kQueued0;
@@ -74,7 +75,7 @@ absl::Status Find(RunState& state, CellSink sink, CellArgs& args, bool by_id) {
     args.records = state.lists.cells.data();
     args.blocks = state.lists.blocks.data();
   }
-  args.walk = MakeCellWalk(state);
+  args.walk = MakeCellWalk(state, /*by_place=*/!counts);  // the A-buffer lists fragments by triangle id
   args.walk.rounds = RoundsOf(state);
   const uint64_t each = uint64_t(args.walk.rounds) * kFindThreads;
   const bool thin = args.walk.coverage == Coverage::kThin;

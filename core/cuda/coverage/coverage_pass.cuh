@@ -172,7 +172,7 @@ __device__ inline bool LargestAmongLanes(KeyBox& box, const int (&first)[3], uin
 
 // Outputs the 2x2x2 masks of a warp's triangles. `takes`: the lane has a triangle t, and `record` is its record number.
 // `in_order`: triangle ids increase with lanes.
-template <CellSink kSink, int kShader>
+template <CellSink kSink, int kShader, bool kPacked>
 __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& room, bool plain, bool in_order,
                                    bool takes, uint32_t t, uint64_t record, int (&first)[3], uint32_t octants,
                                    uint64_t& fragments) {
@@ -184,7 +184,7 @@ __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& ro
   if constexpr (kSink == CellSink::kPool) {
     if (__any_sync(~0u, octants != 0) == 0) return;
     uint32_t key[1] = {};
-    if (octants != 0) KeysOf<kShader, 1>(args.blend, plain, t, key);
+    if (octants != 0) KeysOf<kShader, 1>(args.blend, plain, IdOf<kPacked>(args.walk, t), key);
     if (kShader >= 0 && in_order) octants = OctantsAlone(bit, octants, args.blend.blend == InPlace::kMax);
     const int local[3] = {first[0], first[1], first[2] - int(args.walk.grid.slab_begin)};
     BlendOctantsInPool(args.pool, local, octants, key[0]);
@@ -194,7 +194,7 @@ __device__ inline void TakeOctants(const CellArgs& args, FindWarpRoom<kSink>& ro
   } else {
     if (__any_sync(~0u, octants != 0) == 0) return;
     uint32_t key[1] = {};
-    if (octants != 0) KeysOf<kShader, 1>(args.blend, /*plain=*/false, t, key);
+    if (octants != 0) KeysOf<kShader, 1>(args.blend, /*plain=*/false, IdOf<kPacked>(args.walk, t), key);
     const bool is_float = args.blend.negative != nullptr;  // float keys are never 0
     if (is_float && LargestAmongLanes(room.keys, first, octants, key[0])) {
       BlendOctants(args, bit, octants, plain ? key[0] ^ 0x80000000u : key[0]);
@@ -279,7 +279,7 @@ __device__ inline bool TakeBlock(const CellArgs& args, uint32_t t, uint64_t reco
     for (int a = 0; a < 3; ++a) found.first[a] = begin[a];
     found.first[2] -= int(args.walk.grid.slab_begin);
     found.mask = mask;
-    KeysOf<kShader, 1>(args.blend, /*plain=*/false, t, found.key);
+    KeysOf<kShader, 1>(args.blend, /*plain=*/false, IdOf<kPacked>(args.walk, t), found.key);
     return true;
   }
   const uint32_t first = BitOfVoxel(args.walk.grid, begin[0], begin[1], begin[2]);
@@ -344,7 +344,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       }
       __syncwarp();
     }
-    TakeOctants<kSink, kShader>(args, own, plain, true, fate == CellFate::kDone && number < count, t, number,
+    TakeOctants<kSink, kShader, kPacked>(args, own, plain, !kPacked, fate == CellFate::kDone && number < count, t, number,
                                 triangle.box.first, octants, fragments);
     AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
     if (__any_sync(~0u, WaitsForRows(fate)) == 0) continue;
@@ -388,7 +388,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
         doubtful = !FindOctants<kThin>(walk, triangle, octants);
       }
       __syncwarp();
-      TakeOctants<kSink, kShader>(args, own, plain, false, i < octant_count && !doubtful, t, chunk + local,
+      TakeOctants<kSink, kShader, kPacked>(args, own, plain, false, i < octant_count && !doubtful, t, chunk + local,
                                   triangle.box.first, octants, fragments);
     }
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
@@ -399,7 +399,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     if constexpr (kSink == CellSink::kRecords || kSink == CellSink::kRecordsAndBits) {
       args.records[number] = PackCell(CellKind::kOther, 0, 0);
     }
-    return uint32_t(number);
+    return IdOf<kPacked>(walk, uint32_t(number));
   });
   __syncthreads();
   if (args.fragments == nullptr && args.chunks.of_block == nullptr) return;

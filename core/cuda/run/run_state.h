@@ -73,29 +73,9 @@ struct RunState {
   DeviceArray<uint32_t> coverage;  // bit grid: voxels with a fragment in any target
   DeviceResult result;             // sparse and bucketed results
 
-  // Sparse: per tile of the slab, and one more element
-  DeviceArray<uint32_t> brick_counts, voxel_counts;
-  DeviceArray<uint64_t> first_brick, first_voxel;
-  PoolMemory pool;
-
-  // Buckets: EmitFragments, SortFragments
-  DeviceArray<uint32_t> fragment_counts;  // per triangle
-  // Per triangle: offset of its fragments before sorting. With records: fragments per chunk (FragmentCounts).
-  DeviceArray<uint64_t> fragment_first;
-  Fragments fragments;  // keys are voxel indices within the slab
-  // For CountAndListBuckets and UnpackIntoBuckets (fragment_list.h): zeroed once fragments are emitted.
-  DeviceArray<uint64_t> bucket_chunks;
-  DeviceArray<uint64_t> bundles_before;  // for EmitBundles: per block of its grid
-
-  // Scatter blending and A-buffer: per triangle, in processing order (coverage_record.h)
-  DeviceArray<uint64_t> cells, blocks;
-  DeviceArray<uint64_t> spans;  // of the slab (span.h), unordered, with kNoSpan entries between them
-  uint64_t span_count = 0;      // of all triangles, including those that did not fit
-  DeviceArray<uint32_t>
-      touched_bits;  // bit grid that also has voxels of discarded fragments; empty: none are, use the coverage
-  DeviceArray<uint32_t> word_ranks;   // rank of each word of touched_bits, or of the coverage if that is empty (Ranks)
-  DeviceArray<uint32_t> listed_bits;  // sparse result: bit index of each voxel
-  uint64_t ranked_voxels = 0;         // number of voxels with accumulators
+  CoverageLists lists;
+  FragmentState a_buffer;  // bucketed results
+  BrickState sparse;
   OwnerList owners;
   std::array<SpanTarget, kMaxTargets> span_targets;
 

@@ -11,6 +11,7 @@ namespace voxelpipe::cuda {
 struct BlendCellsArgs {
   const uint64_t *records = nullptr, *blocks = nullptr;
   uint64_t triangles = 0;
+  const PackedVertex* placed = nullptr;  // triangles in the order of records; null: by id
   GridView grid;
   // BlendTo selects one of the two. Their spans are not set.
   InPlaceArgs place;
@@ -122,8 +123,8 @@ __global__ void __launch_bounds__(kBlendThreads) BlendCells(const __grid_constan
        begin += uint64_t(gridDim.x) * kBlendThreads) {
     const bool takes = begin + lane < records;
     const uint64_t number = takes ? records - 1 - begin - lane : 0;
-    const auto t = uint32_t(number);
     const uint64_t record = takes ? args.records[number] : 0;
+    const uint32_t t = args.placed != nullptr && takes ? args.placed[3 * number].triangle : uint32_t(number);
     if constexpr (kTo == BlendTo::kTarget) {
       BlendRecords<uint32_t, kComponents>(
           args, cells, t, number, record,

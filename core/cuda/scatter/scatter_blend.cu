@@ -185,6 +185,7 @@ absl::Status TakeCells(RunState& state, int index) {
   args.records = state.lists.cells.data();
   args.blocks = state.lists.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
+  args.placed = PlacedTriangles(state);
   args.grid = state.view;
   const bool in_place = state.plan.targets[size_t(index)].in_place;
   if (in_place) {

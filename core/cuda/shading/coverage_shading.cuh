@@ -13,6 +13,7 @@
 #include "cuda/shading/blend_fragment.cuh"
 #include "cuda/shading/fragment_shading.cuh"
 #include "cuda/traversal/row_traversal.cuh"
+#include "raster/filtered/fixed_point.h"
 
 namespace voxelpipe::cuda {
 
@@ -23,6 +24,7 @@ struct CoverageShadingArgs {
   const uint64_t *records = nullptr, *blocks = nullptr, *spans = nullptr;
   uint64_t count = 0;
   uint32_t first_triangle = 0;  // of spans: as in SpanArgs
+  const PackedVertex* placed = nullptr;  // of records: triangles in their order; null: by id
   GridView grid;
   Divisor by_words_per_row, by_ny;
   const MeshView* mesh = nullptr;
@@ -56,7 +58,7 @@ __device__ inline CoverageEntry LoadEntry(const CoverageShadingArgs& args, uint6
   if (entry.kind == CellKind::kOther) return entry;  // its spans are in the list
   entry.mask = entry.kind == CellKind::kBlock ? args.blocks[i] : OctantsOfCell(record);
   entry.first = FirstOfCell(record);
-  entry.triangle = uint32_t(i);
+  entry.triangle = args.placed != nullptr ? args.placed[3 * i].triangle : uint32_t(i);
   return entry;
 }
 

@@ -3,6 +3,7 @@
 #include "cuda/coverage/accumulators.h"
 #include "cuda/device/launch.cuh"
 #include "cuda/shading/coverage_shading.cuh"
+#include "cuda/traversal/raster_args.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -117,6 +118,7 @@ absl::Status ShadeRecords(RunState& state) {
   CoverageShadingArgs args = MakeCoverageArgs(state);
   args.records = state.lists.cells.data();
   args.blocks = state.lists.blocks.data();
+  args.placed = PlacedTriangles(state);
   args.count = state.mesh.host_view.triangle_count;
   return Launch(state, args);
 }

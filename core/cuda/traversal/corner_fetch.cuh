@@ -23,6 +23,13 @@ template <>
 struct Fetched<true> {
   uint32_t triangle;
 };
+// The id of the triangle with a number in the order of traversal: packed corners may have one of their own.
+template <bool kPacked>
+__device__ inline uint32_t IdOf(const BitArgs& args, uint32_t number) {
+  if constexpr (kPacked) return args.packed[3 * uint64_t{number}].triangle;
+  return number;
+}
+
 template <bool kPacked>
 __device__ inline Fetched<kPacked> FetchNow(const BitArgs& args, uint32_t t) {
   if constexpr (kPacked) {

@@ -50,4 +50,12 @@ inline void UsePacked(const RunState& state, BitArgs& args, bool placed = false)
       MakePackedPlace(args.fixed, state.grid.origin, state.grid.voxel_size, state.box.min, scattered.extent);
 }
 
+// The triangles of the run in the order of the records of FindAllCells; null: by id.
+inline const PackedVertex* PlacedTriangles(const RunState& state) {
+  BitArgs args;
+  SetTriangles(state, args);
+  UsePacked(state, args, /*placed=*/true);
+  return args.packed;
+}
+
 }  // namespace voxelpipe::cuda
