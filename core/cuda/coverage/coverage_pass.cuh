@@ -344,8 +344,8 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       }
       __syncwarp();
     }
-    TakeOctants<kSink, kShader, kPacked>(args, own, plain, !kPacked, fate == CellFate::kDone && number < count, t, number,
-                                triangle.box.first, octants, fragments);
+    TakeOctants<kSink, kShader, kPacked>(args, own, plain, !kPacked, fate == CellFate::kDone && number < count, t,
+                                         number, triangle.box.first, octants, fragments);
     AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
     if (__any_sync(~0u, WaitsForRows(fate)) == 0) continue;
     AppendInBlock(fate == CellFate::kRows, local, room.cells + (FindRoom<kSink>::kTriangles - 1), -1, &room.row_count);
@@ -389,7 +389,7 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
       }
       __syncwarp();
       TakeOctants<kSink, kShader, kPacked>(args, own, plain, false, i < octant_count && !doubtful, t, chunk + local,
-                                  triangle.box.first, octants, fragments);
+                                           triangle.box.first, octants, fragments);
     }
     AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
   }

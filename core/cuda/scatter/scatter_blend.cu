@@ -279,12 +279,13 @@ absl::Status TakeAll(RunState& state) {
     if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
   }
   VOXELPIPE_OK_OR_RETURN(ShadeRecords(state));
-  return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.lists.span_count, [&](const ListedSpans& listed) {
-    for (int i = 0; i < state.targets.count; ++i) {
-      if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, listed));
-    }
-    return ShadeSpans(state, listed);
-  });
+  return ForEachList(state, 0, state.mesh.host_view.triangle_count, state.lists.span_count,
+                     [&](const ListedSpans& listed) {
+                       for (int i = 0; i < state.targets.count; ++i) {
+                         if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, listed));
+                       }
+                       return ShadeSpans(state, listed);
+                     });
 }
 
 // If all targets may discard fragments, the touched voxels are not the coverage.

@@ -23,7 +23,7 @@ struct CoverageShadingArgs {
   // Records and the masks of blocks; or spans, if `spans` is set.
   const uint64_t *records = nullptr, *blocks = nullptr, *spans = nullptr;
   uint64_t count = 0;
-  uint32_t first_triangle = 0;  // of spans: as in SpanArgs
+  uint32_t first_triangle = 0;           // of spans: as in SpanArgs
   const PackedVertex* placed = nullptr;  // of records: triangles in their order; null: by id
   GridView grid;
   Divisor by_words_per_row, by_ny;

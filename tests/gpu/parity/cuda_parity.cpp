@@ -426,7 +426,8 @@ void RunBatches(BatchParity& batches, const ParityOptions& options) {
 
 void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) {
   if (options.bench_meshes) return RunBenchMeshes(parity, options);
-  const bool in_batches = options.filter.empty() && !options.list;
+  // With span limits a job has several slabs, and shares no pass.
+  const bool in_batches = options.filter.empty() && !options.list && !options.span_limits;
   uint32_t number = 0;
   for (const ParityMesh& named : ParityMeshes(options.seed)) {
     ++number;
