@@ -15,6 +15,24 @@ __device__ inline uint4 FourWords(const uint32_t* array, uint64_t at, uint64_t w
   return four;
 }
 
+// The position of set bit number n of a mask that has more than n.
+__device__ inline uint32_t SelectBit(uint32_t mask, uint32_t n) {
+  uint32_t at = 0;
+#pragma unroll
+  for (uint32_t width = 16; width > 0; width /= 2) {
+    const auto low = uint32_t(__popc(mask & ((1u << width) - 1)));
+    if (n < low) continue;
+    n -= low;
+    at += width;
+    mask >>= width;
+  }
+  return at;
+}
+__device__ inline uint32_t SelectBit(uint64_t mask, uint32_t n) {
+  const auto low = uint32_t(__popc(uint32_t(mask)));
+  return n < low ? SelectBit(uint32_t(mask), n) : 32 + SelectBit(uint32_t(mask >> 32), n - low);
+}
+
 inline constexpr uint64_t kWordsOfWarp = 128;  // words per iteration of a warp
 
 // The set bits of a warp's kWordsOfWarp words, numbered in order. All lanes call each function.
@@ -39,9 +57,8 @@ class SetBits {
     for (int next = 1; next < 4; ++next) {
       if (which == next - 1 && left >= __popc(bits)) left -= __popc(bits), bits = of[next], which = next;
     }
-    for (; left > 0; --left) bits &= bits - 1;
     word = begin_ + uint64_t(owner) * 4 + uint64_t(which);
-    x = uint32_t(__ffs(int(bits)) - 1);
+    x = SelectBit(bits, uint32_t(left));
   }
 
  private:

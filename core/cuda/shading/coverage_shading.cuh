@@ -6,6 +6,7 @@
 #pragma once
 
 #include "cuda/coverage/accumulators.cuh"
+#include "cuda/coverage/set_bits.cuh"
 #include "cuda/primitives/coverage_record.h"
 #include "cuda/primitives/fast_divide.h"
 #include "cuda/primitives/span.h"
@@ -60,25 +61,6 @@ __device__ inline CoverageEntry LoadEntry(const CoverageShadingArgs& args, uint6
   entry.first = FirstOfCell(record);
   entry.triangle = args.placed != nullptr ? args.placed[3 * i].triangle : uint32_t(i);
   return entry;
-}
-
-// Position of set bit n of a mask with more than n set bits.
-__device__ inline uint32_t SelectBit(uint64_t mask, uint32_t n) {
-  uint32_t at = 0, half = uint32_t(mask);
-  if (const auto low = uint32_t(__popc(half)); n >= low) {
-    n -= low;
-    at = 32;
-    half = uint32_t(mask >> 32);
-  }
-#pragma unroll
-  for (uint32_t width = 16; width > 0; width /= 2) {
-    const auto low = uint32_t(__popc(half & ((1u << width) - 1)));
-    if (n < low) continue;
-    n -= low;
-    at += width;
-    half >>= width;
-  }
-  return at;
 }
 
 // Bit index of fragment n of an entry in the slab's bit grid.
