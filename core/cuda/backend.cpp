@@ -1,3 +1,4 @@
+// The CUDA backend: binds the pipeline's stages to the functions of this folder, and selects devices.
 #include "cuda/backend.h"
 
 #include <tbb/parallel_for.h>
@@ -53,7 +54,7 @@ class CudaStages final : public Stages {
   }
   int64_t FittingSlabDepth(const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
                            int64_t depth) const override {
-    // divisor of the device's memory: smaller slabs fit without asking the driver
+    // Divisor of the device's memory: smaller slabs fit without asking the driver.
     constexpr uint64_t kShareInDoubt = 8;
     const VoxelizeRequest& request = state_.request.request;
     const uint64_t all = std::min(state_.device.memory_bytes, MemoryLimit());
@@ -234,7 +235,7 @@ class Cuda final : public Backend {
   std::vector<size_t> RunShared(int threads, std::span<const BatchItem> items, const PlanLimits& limits,
                                 BatchStats& stats) const override {
     std::vector<size_t> alone;
-    // each reports the reason
+    // Each reports the reason.
     if (!CheckDevice(device_.ordinal).ok()) return Backend::RunShared(threads, items, limits, stats);
     Run(threads, [&] { alone = cuda::RunShared(*this, device_, items, limits, stats); });
     return alone;

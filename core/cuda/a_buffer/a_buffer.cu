@@ -80,7 +80,7 @@ FragmentArgs MakeFragmentArgs(RunState& state, const FragmentCounts& counts) {
   args.values = state.a_buffer.fragments.triangles[0].data();
   args.room = state.a_buffer.fragments.triangles[0].size();
   args.list = ListOf(state);
-  // spans cannot encode the ids: rows are rasterized twice
+  // Spans cannot encode the ids: rows are rasterized twice.
   if (args.triangles > GetSpanLimits().triangles) args.list.capacity = args.list.own = 0;
   return args;
 }

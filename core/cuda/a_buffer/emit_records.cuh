@@ -10,7 +10,7 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kChunkThreads = 256, kChunkWarps = kChunkThreads / 32, kCellsOfThread = 2;
 inline constexpr uint32_t kCellsAtOnce = kChunkThreads * kCellsOfThread;  // triangles per iteration of a block
-// capacity of the staging buffer; an iteration with more bypasses it
+// Capacity of the staging buffer; an iteration with more bypasses it.
 inline constexpr uint32_t kStagedFragments = 4096;
 inline constexpr uint32_t kNotHere = ~0u;           // placeholder of a fragment that another kernel writes
 

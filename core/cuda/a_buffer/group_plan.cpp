@@ -1,3 +1,4 @@
+// Chooses the parameters of fragment groups for an A-buffer, or none, by a sample of the mesh's triangles.
 #include "cuda/a_buffer/group_plan.h"
 
 #include <algorithm>

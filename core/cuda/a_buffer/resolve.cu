@@ -1,3 +1,4 @@
+// Launches of the kernels that convert sorted fragments to buckets.
 #include "cuda/a_buffer/resolve.h"
 
 #include "cuda/a_buffer/resolve_kernels.cuh"

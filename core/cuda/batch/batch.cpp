@@ -1,3 +1,4 @@
+// Divides the items of a batch into passes, runs them, and returns the items that must run alone.
 #include "cuda/batch/batch.h"
 
 #include <tbb/parallel_for.h>

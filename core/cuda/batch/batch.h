@@ -39,7 +39,7 @@ absl::Status RasterBatch(const BatchState& state);
 absl::Status ClearBatch(const BatchState& state);  // batch_targets.cu: clears the values of the other items
 // BatchValues::Make: their coverage and values.
 absl::Status FloodBatch(const BatchState& state);  // batch_flood.cu: inside voxels of items with flood fill
-// batch_fill.cu: inside voxels of items with parity fill, odd columns, filled values
+// batch_fill.cu: inside voxels of items with parity fill, odd columns, values of filled voxels.
 absl::Status FillBatch(const BatchState& state);
 absl::Status PackBatch(const BatchState& state);  // batch_targets.cu: counts occupied voxels, packs targets
 // batch_fragments.cu, if there are A-buffers:

@@ -1,3 +1,4 @@
+// Host code that lists bricks and gathers values from the dense data of a small sparse result.
 #include "cuda/batch/batch_bricks.h"
 
 #include <algorithm>

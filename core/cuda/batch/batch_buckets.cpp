@@ -1,3 +1,4 @@
+// The steps of a pass for its A-buffers: emit, sort, list and shade fragments, copy back, extract results.
 #include "cuda/batch/batch_buckets.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Decides whether an item can share a pass, and computes the sizes that a pass needs of it.
 #include "cuda/batch/batch_member.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Collects the mesh arrays of a member for upload, or finds them in the device's mesh cache.
 #include "cuda/batch/batch_mesh.h"
 
 #include <utility>

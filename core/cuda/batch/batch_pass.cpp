@@ -1,3 +1,4 @@
+// Runs one pass of a batch: describes its members, allocates, uploads, launches all steps, and extracts results.
 #include "cuda/batch/batch_pass.h"
 
 #include <algorithm>
@@ -217,7 +218,7 @@ void BatchPass::AddValues(const BatchMember& member) {
     values.clear_stored = target.clear_stored;
     values.fill = FillValueOf(*member.bound, t, member.plan.grid);
     values.voxels = member.plan.grid.voxels();
-    // whole 16-byte units: all that is copied is cleared
+    // Whole 16-byte units: all that is copied is cleared.
     values.words = (TargetBytes(specs[t], values.voxels) + 15) / 16 * 4;
     values_.push_back(values);
     own.values[t] = value_bytes_;

@@ -1,3 +1,4 @@
+// Launches the kernels for items of a batch whose targets have values, and lays out their accumulators.
 #include "cuda/batch/batch_values.cuh"
 
 #include <algorithm>

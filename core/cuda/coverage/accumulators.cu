@@ -1,3 +1,4 @@
+// The kernel that ranks covered voxels, and the allocation of accumulators.
 #include "cuda/coverage/accumulators.h"
 
 #include "cuda/coverage/set_bits.cuh"

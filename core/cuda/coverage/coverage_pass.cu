@@ -1,3 +1,4 @@
+// Launches the coverage pass (FindCells) with the right kernel for its output, shader and coverage.
 #include "cuda/coverage/coverage_pass.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Copies counters to pinned memory on a second stream that is ordered after the first.
 #include "cuda/device/async_readback.h"
 
 #include <utility>

@@ -1,3 +1,4 @@
+// Enumerates devices, lends their streams to runs, recovers lost devices, and accounts for device memory.
 #include "cuda/device/device.h"
 
 #include <cuda_runtime_api.h>

@@ -1,3 +1,4 @@
+// Queries compiled architectures and cache sizes. A .cu file, because it queries a kernel of its own.
 #include "cuda/device/device_caps.h"
 
 #include <cuda_runtime_api.h>

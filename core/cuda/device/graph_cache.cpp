@@ -1,3 +1,4 @@
+// Builds CUDA graphs from kernel lists, updates their arguments, and caches them per device.
 #include "cuda/device/graph_cache.h"
 
 #include <algorithm>
@@ -143,7 +144,7 @@ struct Kept {
 };
 std::mutex kept_mutex;
 std::map<int, Kept>& KeptGraphs() {
-  // never destroyed: the driver may shut down before static objects do
+  // Never destroyed: the driver may shut down before static objects do.
   static auto* const kept = new std::map<int, Kept>;
   return *kept;
 }

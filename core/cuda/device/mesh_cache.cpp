@@ -1,3 +1,4 @@
+// The least-recently-used cache of mesh arrays, one per device.
 #include "cuda/device/mesh_cache.h"
 
 #include <atomic>

@@ -1,3 +1,4 @@
+// Counters of uploaded mesh bytes, one per device.
 #include "cuda/device/mesh_uploads.h"
 
 #include <array>

@@ -1,3 +1,4 @@
+// The process-wide pool of pinned host memory, and staged copies to a device through it.
 #include "cuda/device/pinned.h"
 
 #include <cuda_runtime_api.h>

@@ -1,3 +1,4 @@
+// Accounting of a run's device and host memory, and the requests for more.
 #include "cuda/device/run_memory.h"
 
 #include "grid/page_pool.h"

@@ -1,3 +1,4 @@
+// Kernels that clear the pool of bit bricks and copy its bricks to the grid; allocation of the pool.
 #include <algorithm>
 
 #include "cuda/occupancy/bit_bricks.h"

@@ -22,7 +22,7 @@ inline constexpr uint32_t kMaxLarge = 256;  // triangles that every grid block t
 // or else the first kMaxLarge of the large queue.
 struct Bins {
   uint32_t dims[3] = {0, 0, 0};  // number of grid blocks
-  // range of grid blocks along z that are stored; the others do not intersect the mesh
+  // Range of grid blocks along z that are stored; the others do not intersect the mesh.
   uint32_t z_begin = 0, z_end = 0;
   SharedSetup* set_up = nullptr;  // setup of every triangle
   uint32_t* counts =

@@ -8,7 +8,7 @@
 namespace voxelpipe::cuda {
 
 inline constexpr int kPieceRows = kPieceEdge * kPieceEdge;
-// in shared memory: padded against bank conflicts, rows aligned to 16 bytes
+// In shared memory: padded against bank conflicts, rows aligned to 16 bytes.
 inline constexpr int kPiecePitch = kPieceWords + 4;
 inline constexpr uint32_t kDrawnAtOnce = 32 / kPieceEdge;  // triangles per warp and iteration
 

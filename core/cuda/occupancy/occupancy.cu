@@ -19,7 +19,7 @@
 namespace voxelpipe::cuda {
 namespace {
 
-// iterations of CellKernel if locality matters: fewer triangles in flight, in fewer places of the grid.
+// Iterations of CellKernel if locality matters: fewer triangles in flight, in fewer places of the grid.
 constexpr int kOrderedRounds = 1;
 constexpr int kSharedRows = 2;  // lanes of FewKernel per triangle if rows are shared
 // Grids of at most so many bytes are cleared by the first blocks of the rasterization kernel; larger ones are cleared

@@ -1,3 +1,4 @@
+// The kernel that rasterizes all triangles by rows, and the decision when to use it.
 #include "cuda/occupancy/row_kernel.h"
 
 #include <algorithm>

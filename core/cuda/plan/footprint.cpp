@@ -1,3 +1,4 @@
+// Predicts bytes by the same rules by which the stages allocate: grids, lists, pools, accumulators.
 #include "cuda/plan/footprint.h"
 
 #include <algorithm>
@@ -82,7 +83,7 @@ double BucketListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   const double cells = double(grid.dims[0] * grid.dims[1]) * double(layers);
   constexpr double pair = 2 * sizeof(uint32_t), of_sort = 1;
   const bool may_drop = std::all_of(request.targets.begin(), request.targets.end(), OwnPresence);
-  const double places = std::min(surface.fragments, cells);  // where buckets may begin
+  const double places = std::min(surface.fragments, cells);  // upper bound of the number of buckets
   return RecordBytes(mesh, surface) + double(FragmentRoom(surface.fragments)) * pair +
          surface.fragments * (pair + of_sort + (may_drop ? 1 : 0)) + places * 2 * sizeof(uint64_t);
 }
@@ -134,7 +135,7 @@ double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   if (request.result == ResultKind::kBuckets) return BucketListBytes(request, grid, mesh, surface, layers);
   double bytes =
       std::max(DirectListBytes(request, grid, mesh, surface, layers), PoolBytes(request, grid, surface, layers));
-  // prefix counts of bricks and voxels
+  // Prefix counts of bricks and voxels.
   if (request.result == ResultKind::kSparse) bytes += 24 * TilesOfGrid(grid, layers);
   return bytes;
 }

@@ -1,3 +1,4 @@
+// The decision table of paths; core/cuda/README.md lists the conditions.
 #include "cuda/plan/path_plan.h"
 
 #include <algorithm>

@@ -27,7 +27,7 @@ enum class Path : uint8_t {
 enum class ValueSource : uint8_t {
   kCoverage,   // the occupancy bit: the coverage is the value
   kTriangles,  // one value per triangle, shaded once
-  // replace and first with shaders that keep every fragment: find each voxel's owner, then shade it
+  // Replace and first with shaders that keep every fragment: find each voxel's owner, then shade it.
   kOwners,
   kFragments,  // every fragment is shaded
 };

@@ -66,7 +66,7 @@ __device__ inline uint32_t PlaceOf(const Pool& pool, bool wants, uint32_t brick)
   uint32_t place = kNoMorePlaces;
   if (wants) {
     place = __ldca(pool.places + brick);
-    // another multiprocessor may have allocated it since
+    // Another multiprocessor may have allocated it since.
     if (place < kNoMorePlaces) place = LoadAcquire(pool.places + brick);
   }
   uint32_t waiting = __ballot_sync(~0u, place < kNoMorePlaces);

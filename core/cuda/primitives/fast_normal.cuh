@@ -9,7 +9,7 @@
 
 namespace voxelpipe::cuda {
 
-// Distance of v from the midpoint between two floats, in units of the double's last place, plus kDoubt: at most 2 *
+// Offset of v from the midpoint between two floats, in units of the double's last place, plus kDoubt: at most 2 *
 // kDoubt near a midpoint. Half of kDoubt would suffice.
 inline constexpr uint32_t kDoubt = 64;
 __device__ inline uint32_t BehindHalf(double v) {

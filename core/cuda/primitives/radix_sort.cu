@@ -1,3 +1,4 @@
+// The only translation unit that instantiates CUB's radix sort of key-value pairs.
 #include "cuda/primitives/radix_sort.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// The only translation unit that instantiates CUB's prefix sum of 32-bit counts.
 #include "cuda/primitives/scan.h"
 
 #include <cub/device/device_scan.cuh>

@@ -1,3 +1,4 @@
+// Allocates, clears and reads the device counters of a run (Counter in run_state.h).
 #include <algorithm>
 
 #include "cuda/run/run_state.h"

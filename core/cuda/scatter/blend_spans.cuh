@@ -16,7 +16,7 @@
 
 namespace voxelpipe::cuda {
 
-// ---- values per triangle ----
+// ---- Values per triangle ----
 
 struct ShadeTrianglesArgs {
   FlatShading shading;  // for one target
@@ -84,13 +84,13 @@ __global__ void __launch_bounds__(kBlendThreads) ShadeTriangles(const __grid_con
   if (threadIdx.x % 32 == 0 && __ldcg(args.negative) == 0) atomicOr(args.negative, 1u);
 }
 
-// ---- in place ----
+// ---- In-place blending ----
 
 // Processes spans in descending order, so that values that increase with the triangle number, like ids, usually find
 // their voxel already done.
 template <int kComponents, int kShader>
 __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_constant__ InPlaceArgs args) {
-  // bits of non-negative floats are in the order of the floats
+  // Bits of non-negative floats are in the order of the floats.
   const bool plain = args.negative != nullptr && *args.negative == 0;
   const uint64_t threads = uint64_t(gridDim.x) * kBlendThreads;
   const unsigned lane = threadIdx.x % 32;
@@ -117,7 +117,7 @@ __global__ void __launch_bounds__(kBlendThreads) BlendInPlace(const __grid_const
   }
 }
 
-// ---- in accumulators ----
+// ---- Blending in accumulators ----
 
 struct AccumulateArgs {
   const uint64_t* spans = nullptr;

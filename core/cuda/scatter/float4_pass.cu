@@ -1,3 +1,4 @@
+// Launches the float4 pass and the kernels for the triangles that it defers.
 #include "cuda/scatter/float4_pass.h"
 
 #include <algorithm>
@@ -17,7 +18,7 @@ auto KernelFor(bool normals) {
 
 // True if all voxels that the mesh touches lie within the slab.
 bool LiesWithin(const RunState& state, const GridView& grid) {
-  // voxels: exceeds the conservative widening of narrow triangles plus rounding errors
+  // Voxels: exceeds the conservative widening of narrow triangles plus rounding errors.
   constexpr double kClear = 0x1p-10;
   const Box3d box = BoxInGrid(state);
   const int64_t begin[3] = {0, 0, grid.slab_begin}, end[3] = {grid.dims[0], grid.dims[1], grid.slab_end};

@@ -1,3 +1,4 @@
+// The kernels that shade lists of fragments, and their launches; also launches the shading of coverage.
 #include "cuda/shading/shade_list.h"
 
 #include "cuda/coverage/accumulators.h"

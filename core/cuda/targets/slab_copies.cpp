@@ -1,3 +1,4 @@
+// Starts and awaits copies of dense slabs, and exchanges the two sets of slab arrays.
 #include "cuda/targets/slab_copies.h"
 
 namespace voxelpipe::cuda {

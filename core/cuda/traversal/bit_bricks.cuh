@@ -45,7 +45,7 @@ class PoolRows {
 
   __device__ uint32_t* WordsOf(uint32_t brick) const {
     uint32_t place = __ldca(args_.pool.places + brick);
-    // another multiprocessor may have allocated it since
+    // Another multiprocessor may have allocated it since.
     if (!IsPlace(place)) place = LoadAcquire(args_.pool.places + brick);
     if (!IsPlace(place)) place = TakePlace(args_.pool, brick);
     return args_.pool.WordsOf(place - kFirstPlace);

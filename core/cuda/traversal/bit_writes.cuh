@@ -79,7 +79,7 @@ class NearWords {
 // lane that another lane takes over becomes 0. All threads of a warp call it.
 __device__ inline uint32_t Together(const int (&first)[3], uint32_t octants) {
   const unsigned lane = threadIdx.x % 32;
-  // fixed-point voxel coordinates have 16 bits
+  // Fixed-point voxel coordinates have 16 bits.
   const uint32_t xy = (uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16;
   const bool other_xy = __shfl_up_sync(~0u, xy, 1) != xy, other_z = __shfl_up_sync(~0u, first[2], 1) != first[2];
   const bool is_head = lane == 0 || other_xy || other_z;

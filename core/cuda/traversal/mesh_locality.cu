@@ -1,3 +1,4 @@
+// Measures a mesh's locality by a sample, and makes its packed and Morton-ordered copies.
 #include "cuda/traversal/mesh_locality.h"
 
 #include <cmath>

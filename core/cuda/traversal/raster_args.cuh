@@ -38,7 +38,7 @@ struct BitArgs {
   GridView grid;  // rows outside its slab are skipped
   uint32_t* bits = nullptr;
   uint64_t quads = 0;  // 16-byte units to clear
-  // leading blocks of the rasterization kernel that clear the grid and the queues; 0: earlier kernels do
+  // Leading blocks of the rasterization kernel that clear the grid and the queues; 0: earlier kernels do.
   uint32_t clear_blocks = 0;
   uint32_t* cleared = nullptr;  // number of those that are done; 0 before and after
   Coverage coverage{};
@@ -74,7 +74,7 @@ __device__ inline void ForEachPair(const int (&first)[3], uint32_t octants, Set&
   for (int i = 0; i < 4; ++i) {
     const uint32_t pair = octants >> 2 * i & 3;
     if (pair == 0) continue;
-    // within the grid, although the mask's first voxel may be outside
+    // Within the grid, although the mask's first voxel may be outside.
     const int x = first[0] + ((pair & 1) != 0 ? 0 : 1);
     set(x >> 5, first[1] + (i & 1), first[2] + (i >> 1), uint64_t{(pair & 1) != 0 ? pair : 1} << (x & 31));
   }

@@ -24,7 +24,7 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kCellThreads = 128;
 inline constexpr int kMaxCellRows = 64;  // limit for a triangle that one thread processes alone
-// lanes of a warp with 2x2x2 work that make it worth doing at once
+// Lanes of a warp with 2x2x2 work that make it worth doing at once.
 inline constexpr int kManyOctants = 14;
 inline constexpr int kMaxCellRounds = 8;                         // triangles per thread of WalkCells
 inline constexpr int kMaxLayerWidth = 96, kMaxLayerRows = 6144;  // limits of WalkLayers: rows along y, and in all

@@ -300,7 +300,7 @@ __global__ void __launch_bounds__(kRunThreads) WalkRuns(const __grid_constant__ 
 // Second kernel: one thread per small triangle. Triangles that are not narrow are appended to the rest queue.
 template <typename Op, typename Args = WalkArgs>
 __global__ void __launch_bounds__(kSmallThreads, 6) WalkSmall(const __grid_constant__ Args args, Op op) {
-  // rounded up: no warp processes both kinds
+  // Rounded up: no warp processes both kinds.
   const uint64_t least = (args.queued[2] + 31) / 32 * 32, other = args.queued[3];
   const uint64_t threads = uint64_t(gridDim.x) * kSmallThreads;
   for (uint64_t i = uint64_t(blockIdx.x) * kSmallThreads + threadIdx.x; i < least + other; i += threads) {

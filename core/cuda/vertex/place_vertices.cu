@@ -1,3 +1,4 @@
+// Transforms vertices to index space and encodes the voxels that they touch.
 #include "cuda/primitives/voxel_code.h"
 #include "cuda/run/run_state.h"
 #include "grid/index_space.h"

@@ -15,7 +15,7 @@ struct VertexArgs {
   const Vec3f* normals = nullptr;
   const Vec4f* tangents = nullptr;
   const PosedPartView* posed =
-      nullptr;  // one a part of the mesh, in place of the arrays above; null: no pose is asked for
+      nullptr;  // one per part of the mesh, replaces the arrays above; null: the request has no pose
   const uint64_t* first_vertex = nullptr;  // per part of the mesh
   uint32_t part_count = 0;
   Vec3d* shaded_positions = nullptr;

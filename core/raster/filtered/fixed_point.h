@@ -16,7 +16,7 @@ struct FixedPlace {
   float widening = 0;              // widening of narrow triangles in units
   int margin = 0;                  // the same, rounded down to whole units
   float band = 0, plane_band = 0;  // half-width of the uncertain band of the edge tests and of the plane test, in units
-  // a voxel in units; bound of the change of a normal by the quantization error, with a margin
+  // A voxel in units; bound of the change of a normal by the quantization error, with a margin.
   float voxel = 0, noise = 0;
   float voxels = 0;  // a unit, in voxels
   int clear = 0;     // plane_band in whole units plus quantization error (FixedBox::beyond)

@@ -8,7 +8,7 @@
 
 namespace voxelpipe {
 
-// voxels: additional width of the band, since boxes are up to 9 voxels large
+// Voxels: additional width of the band, since boxes are up to 9 voxels large.
 inline constexpr float kMoreOfRows = 1e-5f;
 
 // Bounds of a coordinate u for given t, around c - s*t: `outer` is the maximum half-width, `inner` the minimum.

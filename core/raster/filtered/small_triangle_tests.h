@@ -176,7 +176,7 @@ VOXELPIPE_HD Octants TouchedOctants(const int (&v)[3][3], const FixedBox& box, u
   TestEdges(test(0, 1, n.z), x, y, touched, sure);
   TestEdges(test(1, 2, n.x), y, z, touched, sure);
   TestEdges(test(2, 0, n.y), z, x, touched, sure);
-  const float at = -fmaf(n.x, x.p[0], fmaf(n.y, y.p[0], n.z * z.p[0]));  // of the corner
+  const float at = -fmaf(n.x, x.p[0], fmaf(n.y, y.p[0], n.z * z.p[0]));  // signed distance of the corner
   const float plane_rounding = 0x1p-20f * longest * place.voxel;
   if constexpr (!kThin) {
     const float beyond = fmaf(-place.widening, norm, fabsf(at));
@@ -214,7 +214,7 @@ VOXELPIPE_HD Octants TouchedQuickly(const int (&v)[3][3], const FixedBox& box, u
   const AlongAxis t = along([&](const int(&a)[3]) { return along_z ? a[2] : a[1]; });
   const uint32_t half_u = along_x ? HalfOf(0) : HalfOf(1), half_t = along_z ? HalfOf(2) : HalfOf(1);
   const auto extent = float(box.extent);
-  // upper bound of the squared length of an edge
+  // Upper bound of the squared length of an edge.
   const float longest = 3 * extent * extent, rounding = 0x1p-22f * longest;
   const float area = AreaOf(u, t);
   const uint32_t side = SignMask(area);
@@ -233,7 +233,7 @@ VOXELPIPE_HD Octants TouchedQuickly(const int (&v)[3][3], const FixedBox& box, u
     TestEdges({half_k, half_u, side_ku, place.widening, place.band, rounding}, k, u, touched, sure);
     const float norm = (fabsf(area_tk) + fabsf(area_ku)) + greatest;
     greatest = fmaxf(greatest, fmaxf(fabsf(area_tk), fabsf(area_ku)));
-    // signed distance of the corner from the plane
+    // Signed distance of the corner from the plane.
     const float at = -fmaf(area_tk, u.p[0], fmaf(area_ku, t.p[0], area * k.p[0]));
     const float beyond = fmaf(-place.widening, norm, fabsf(at));
     sure = fminf(sure, fabsf(beyond) - fmaf(place.plane_band, norm, 0x1p-20f * longest * place.voxel));
