@@ -34,14 +34,12 @@ std::vector<size_t> RunShared(const Backend& backend, const DeviceInfo& device, 
                               const PlanLimits& limits, BatchStats& stats);
 
 // The steps of a pass, in this order. None synchronizes unless its comment says so.
-// batch_bits.cu: transforms vertices; sets the coverage of occupancy bits
-absl::Status RasterBatch(const BatchState& state);
-absl::Status ClearBatch(const BatchState& state);  // batch_targets.cu: clears the values of the other items
+absl::Status RasterBatch(const BatchState& state);  // batch_bits.cu: transforms vertices; rasterizes occupancy bits
+absl::Status ClearBatch(const BatchState& state);   // batch_targets.cu: clears the values of the other items
 // BatchValues::Make: their coverage and values.
 absl::Status FloodBatch(const BatchState& state);  // batch_flood.cu: inside voxels of items with flood fill
-// batch_fill.cu: inside voxels of items with parity fill, odd columns, values of filled voxels.
-absl::Status FillBatch(const BatchState& state);
-absl::Status PackBatch(const BatchState& state);  // batch_targets.cu: counts occupied voxels, packs targets
+absl::Status FillBatch(const BatchState& state);   // batch_fill.cu: parity fill, odd columns, values of filled voxels
+absl::Status PackBatch(const BatchState& state);   // batch_targets.cu: counts occupied voxels, packs targets
 // batch_fragments.cu, if there are A-buffers:
 absl::Status EmitBatch(BatchState& state);  // emits fragments; synchronizes
 // Sorts the fragments. Returns the first fragment of each item, the end of the last one (discarded fragments lie behind

@@ -7,7 +7,7 @@
 // Variants: unordered meshes are processed in Morton order (mesh_locality.h), and their largest triangles are drawn
 // while the grid is cleared (block_raster.cuh). Few large triangles in large grids: block_bins.cuh. Fine meshes in
 // large grids: the first step sets bits in bricks, which are copied to the grid before the second step
-// (bit_bricks.cuh). Other first steps: row_kernel.cuh if most triangles touch several voxels, resident_mesh.cuh if
+// (bit_bricks.cuh). Other first steps: row_kernel.cuh if many triangles touch several voxels, resident_mesh.cuh if
 // there are few triangles. No host-only includes.
 #pragma once
 
