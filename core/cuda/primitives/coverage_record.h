@@ -13,7 +13,7 @@ namespace voxelpipe::cuda {
 enum class CellKind : uint32_t {
   kOctants,  // the 2x2x2 mask; 0 if the triangle touches nothing
   kBlock,    // at most 4x4x4 voxels: the 64-bit mask, x + 4y + 16z, is in an array beside the records
-  kOther,  // spans, made by other kernels; the voxel field has the number of touched voxels, if counted
+  kOther,    // spans, made by other kernels; the voxel field has the number of touched voxels, if counted
 };
 
 VOXELPIPE_HD uint64_t PackCell(CellKind kind, uint32_t first, uint32_t octants) {
