@@ -43,8 +43,8 @@ FragmentList ListOfFragments(const RunState& state) {
 
 absl::Status Compact(RunState& state, const uint32_t* from, const uint8_t* flags, uint32_t* to, uint64_t* count) {
   size_t scratch = 0;
-  VOXELPIPE_CUDA_OR_RETURN(
-      cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count, state.a_buffer.fragments.count, state.stream));
+  VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::Flagged(nullptr, scratch, from, flags, to, count,
+                                                      state.a_buffer.fragments.count, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.scratch.Resize(std::max<size_t>(scratch, 1), state.stream));
   VOXELPIPE_CUDA_OR_RETURN(cub::DeviceSelect::Flagged(state.scratch.data(), scratch, from, flags, to, count,
                                                       state.a_buffer.fragments.count, state.stream));

@@ -18,8 +18,8 @@ bool GoesByFixed(const RunState& state);
 // triangle's id. `fragments`: FragmentSlots, cleared first, or null.
 absl::Status FindAllCells(RunState& state, CellSink sink, uint64_t* fragments, const InPlaceArgs* blend = nullptr,
                           bool by_id = false, const BrickPool* pool = nullptr);
-// The same for the A-buffer: writes records and counts their fragments in state.a_buffer.fragment_first and behind the counters,
-// as described by `counts`.
+// The same for the A-buffer: writes records and counts their fragments in state.a_buffer.fragment_first and behind the
+// counters, as described by `counts`.
 absl::Status FindAndCountCells(RunState& state, FragmentCounts& counts);
 
 // Clears the queue counters, and `fragments` as in FindAllCells, and sizes the queues for all triangles.

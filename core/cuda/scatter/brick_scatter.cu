@@ -95,12 +95,12 @@ absl::Status Number(RunState& state) {
   VOXELPIPE_LAUNCHED_OR_RETURN("MaskPlaces");
   CountTiles<<<unsigned((counts + kPoolThreads - 1) / kPoolThreads), kPoolThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CountTiles");
-  VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(state.sparse.brick_counts.data(), state.sparse.first_brick.data(), counts, state.scratch, state.stream));
-  VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(state.sparse.voxel_counts.data(), state.sparse.first_voxel.data(), counts, state.scratch, state.stream));
-  CopyPoolTotals<<<1, 1, 0, state.stream>>>(state.sparse.first_brick.data() + tiles, state.sparse.first_voxel.data() + tiles,
-                                            state.counters.data());
+  VOXELPIPE_OK_OR_RETURN(ExclusiveScan(state.sparse.brick_counts.data(), state.sparse.first_brick.data(), counts,
+                                       state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(ExclusiveScan(state.sparse.voxel_counts.data(), state.sparse.first_voxel.data(), counts,
+                                       state.scratch, state.stream));
+  CopyPoolTotals<<<1, 1, 0, state.stream>>>(state.sparse.first_brick.data() + tiles,
+                                            state.sparse.first_voxel.data() + tiles, state.counters.data());
   VOXELPIPE_LAUNCHED_OR_RETURN("CopyPoolTotals");
   return absl::OkStatus();
 }

@@ -92,8 +92,9 @@ SpanArgs CoverArgs(RunState& state, uint64_t triangles) {
   return args;
 }
 
-// Lists the spans of the deferred triangles in [begin, end) in state.lists.spans, up to its capacity; ListOf has the number
-// of entries needed. Sets their coverage. `again`: the queues are no longer valid, and fragments are counted already.
+// Lists the spans of the deferred triangles in [begin, end) in state.lists.spans, up to its capacity; ListOf has the
+// number of entries needed. Sets their coverage. `again`: the queues are no longer valid, and fragments are counted
+// already.
 absl::Status ListSpans(RunState& state, uint64_t begin, uint64_t end, bool again) {
   if (again) VOXELPIPE_OK_OR_RETURN(FindAllCells(state, CellSink::kRecords, nullptr));
   SpanArgs args = CoverArgs(state, end - begin);

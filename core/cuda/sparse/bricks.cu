@@ -184,10 +184,10 @@ absl::Status MakeBricks(RunState& state) {
   args.voxel_counts = state.sparse.voxel_counts.data();
   CountBricks<<<unsigned((counts + kThreads - 1) / kThreads), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("CountBricks");
-  VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(state.sparse.brick_counts.data(), state.sparse.first_brick.data(), counts, state.scratch, state.stream));
-  VOXELPIPE_OK_OR_RETURN(
-      ExclusiveScan(state.sparse.voxel_counts.data(), state.sparse.first_voxel.data(), counts, state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(ExclusiveScan(state.sparse.brick_counts.data(), state.sparse.first_brick.data(), counts,
+                                       state.scratch, state.stream));
+  VOXELPIPE_OK_OR_RETURN(ExclusiveScan(state.sparse.voxel_counts.data(), state.sparse.first_voxel.data(), counts,
+                                       state.scratch, state.stream));
   VOXELPIPE_OK_OR_RETURN(EnsureCounters(state));
   CopyTotals<<<1, 1, 0, state.stream>>>(state.sparse.first_brick.data() + args.tile_count,
                                         state.sparse.first_voxel.data() + args.tile_count, state.counters.data());
