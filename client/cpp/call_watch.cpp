@@ -14,7 +14,7 @@
 namespace voxelpipe {
 namespace {
 
-constexpr std::chrono::milliseconds kLookEvery{10};
+constexpr std::chrono::milliseconds kPollInterval{10};
 // The thread blocks only after this long without calls: waking it costs a short call more than everything else here.
 constexpr int kIdleLooks = 100;
 
@@ -71,7 +71,7 @@ class CallWatcher {
         watch->cancelled_ = true;
         watch->context_.TryCancel();
       }
-      changed_.wait_for(lock, kLookEvery, [this] { return stopped_; });
+      changed_.wait_for(lock, kPollInterval, [this] { return stopped_; });
     }
   }
 

@@ -23,7 +23,7 @@ namespace {
 constexpr char kMark[] = ".part-";      // followed by the process id and a number: PID-N
 constexpr size_t kMaxSuffixBytes = 32;  // of the mark and the numbers
 constexpr char kOutputUrl[] = "voxelpipe/output_error";
-constexpr std::chrono::milliseconds kLookEvery{50};  // poll interval of the job while a FIFO waits for a reader
+constexpr std::chrono::milliseconds kPollInterval{50};  // poll interval of the job while a FIFO waits for a reader
 
 absl::Status AsOutputError(absl::Status status) {
   status.SetPayload(kOutputUrl, absl::Cord());
@@ -53,7 +53,7 @@ absl::StatusOr<int> OpenThrough(const std::string& path, const JobContext* job) 
     if (job != nullptr) {
       if (absl::Status over = job->Check(); !over.ok()) return over;
     }
-    std::this_thread::sleep_for(kLookEvery);
+    std::this_thread::sleep_for(kPollInterval);
   }
 }
 
@@ -138,7 +138,7 @@ absl::Status AtomicFile::Write(std::span<const uint8_t> bytes, const JobContext*
       if (errno == EINTR) continue;
       if (errno == EAGAIN) {  // the reader of a FIFO is slow
         pollfd ready{descriptor_, POLLOUT, 0};
-        poll(&ready, 1, int(kLookEvery.count()));
+        poll(&ready, 1, int(kPollInterval.count()));
         continue;
       }
       return SystemError(errno, absl::StrCat("cannot write '", path_, "'"));

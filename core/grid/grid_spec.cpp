@@ -13,9 +13,10 @@ namespace {
 // Slack, in voxels: an extent that is a whole number of voxels, up to the rounding of the division and of float32
 // corners, gets no extra layer.
 double SlackOf(const Box3d& box, int axis, double voxel_size) {
-  constexpr double kLeast = 1e-9, kMost = 4e-4, kOfFloat = 0x1p-22;
-  return std::max(kLeast,
-                  std::min(kMost, kOfFloat * std::max(std::abs(box.min[axis]), std::abs(box.max[axis])) / voxel_size));
+  constexpr double kMinSlack = 1e-9, kMaxSlack = 4e-4, kFloatError = 0x1p-22;
+  return std::max(
+      kMinSlack,
+      std::min(kMaxSlack, kFloatError * std::max(std::abs(box.min[axis]), std::abs(box.max[axis])) / voxel_size));
 }
 
 constexpr int64_t kManyVoxels = 1'000'000'000'000'000;  // an axis; larger counts are not computed

@@ -65,10 +65,10 @@ absl::StatusOr<std::vector<std::string>> Strings(const std::string& where, const
 
 template <typename Number>
 absl::Status ReadLimit(const std::string& where, const Json& value, Number& out) {
-  constexpr double kMost = 1e15;
+  constexpr double kMaxNumber = 1e15;
   const bool whole = value.is_number_unsigned();
   if (!(std::is_floating_point_v<Number> ? value.is_number() : whole) || value.get<double>() < 0 ||
-      value.get<double>() > std::min(kMost, double(std::numeric_limits<Number>::max()))) {
+      value.get<double>() > std::min(kMaxNumber, double(std::numeric_limits<Number>::max()))) {
     return Wrong(where, "needs a number that is not negative");
   }
   out = value.get<Number>();

@@ -18,7 +18,7 @@ namespace voxelpipe {
 namespace {
 
 // How often a waiting worker checks its deadline.
-constexpr std::chrono::milliseconds kLookEvery{20};
+constexpr std::chrono::milliseconds kPollInterval{20};
 // The shortest interval between progress messages within a stage.
 constexpr std::chrono::milliseconds kProgressInterval{100};
 
@@ -284,7 +284,7 @@ absl::Status VoxelizeCall::WaitForRoom(size_t bytes) {
   // One piece may always be queued. Sweep ends the call of a client that reads nothing.
   while (!end_ && !pending_.empty() && pending_bytes_ + bytes > state_.options.stream_buffer_bytes) {
     if (absl::Status s = context.Check(); !s.ok()) return s;
-    room_.wait_for(lock, kLookEvery);  // a passing deadline sends no notification
+    room_.wait_for(lock, kPollInterval);  // a passing deadline sends no notification
   }
   return end_ ? (end_->ok() ? absl::CancelledError("the call has ended") : *end_) : context.Check();
 }

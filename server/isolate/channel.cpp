@@ -81,8 +81,8 @@ absl::StatusOr<Message> Channel::Receive(std::chrono::milliseconds patience, uin
   if (uint64_t(got) > room || uint64_t(got) < sizeof header) return broken;
   std::memcpy(&header, buffer_.data(), sizeof header);
   if (header.magic != kMagic || header.kind > uint32_t(MessageKind::kAnswer)) return broken;
-  constexpr uint64_t kMost = SharedRegion::kBytes / 2;
-  if (header.text_bytes > kMost || header.bulk_bytes > kMost - kBulkAlignment) return broken;
+  constexpr uint64_t kMaxBytes = SharedRegion::kBytes / 2;
+  if (header.text_bytes > kMaxBytes || header.bulk_bytes > kMaxBytes - kBulkAlignment) return broken;
   const uint64_t bulk_at = Aligned(header.text_bytes), bytes = bulk_at + header.bulk_bytes;
   const uint8_t* body = reinterpret_cast<const uint8_t*>(buffer_.data()) + sizeof header;
   if (bytes > most_bytes) return absl::ResourceExhaustedError(absl::StrCat("a message of ", bytes, " bytes"));

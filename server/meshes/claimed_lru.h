@@ -66,7 +66,7 @@ class ClaimedLru {
     }
     const uint64_t room = limit_ - (bytes_ - bytes);
     Undo(steps);
-    steps.push_back(PutOut(entry));
+    steps.push_back(Evict(entry));
     return {nullptr, room};
   }
 
@@ -117,7 +117,7 @@ class ClaimedLru {
     Attach(entry);
     if (!MakeRoom(&entry, steps)) {
       Undo(steps);
-      while (!entry.claims.empty()) steps.push_back(PutOut(entry));
+      while (!entry.claims.empty()) steps.push_back(Evict(entry));
     }
     CountEvictions(steps);
   }
@@ -138,7 +138,7 @@ class ClaimedLru {
       Attach(entry);
       return Released::kStays;
     }
-    gone = PutOut(entry).node.mapped().value;
+    gone = Evict(entry).node.mapped().value;
     return Released::kGone;
   }
 
@@ -149,7 +149,7 @@ class ClaimedLru {
     if (found == entries_.end()) return nullptr;
     std::shared_ptr<Value> value = std::move(found->second.value);
     found->second.claims.resize(1);
-    PutOut(found->second);
+    Evict(found->second);
     return value;
   }
 
@@ -185,7 +185,7 @@ class ClaimedLru {
     std::list<Entry*> order;  // most recently used first
     uint64_t bytes = 0;
   };
-  // The result of PutOut.
+  // The result of Evict.
   struct Step {
     typename Entries::node_type node;  // empty if another claimant took it over
     Entry* entry = nullptr;
@@ -223,7 +223,7 @@ class ClaimedLru {
     if (payer->second.order.empty()) payers_.erase(payer);
   }
   // Removes the payer's claim, and the entry if there is no other claim.
-  Step PutOut(Entry& entry) {
+  Step Evict(Entry& entry) {
     Step step;
     step.entry = &entry;
     Detach(entry);
@@ -256,7 +256,7 @@ class ClaimedLru {
     while (bytes_ > limit_) {
       Entry* const next = NextToGo(fresh);
       if (next == nullptr) return false;
-      steps.push_back(PutOut(*next));
+      steps.push_back(Evict(*next));
     }
     return true;
   }

@@ -15,7 +15,7 @@ namespace voxelpipe {
 namespace {
 
 // A job with a larger result runs alone: it would delay the others of a batch.
-constexpr uint64_t kLargestOfBatchBytes = 64 << 20;
+constexpr uint64_t kMaxBatchedBytes = 64 << 20;
 
 // For less work than this, waking a thread costs more than it saves.
 constexpr double kMinMsPerThread = 1;
@@ -207,7 +207,7 @@ absl::Status DeviceRun::Planned(Member& member, const Plan& plan, bool together)
   const Inside inside(*this);
   if (!inside) return absl::CancelledError("the run was abandoned");
   member.plan = plan;
-  if (together && plan.result_bytes > kLargestOfBatchBytes) {
+  if (together && plan.result_bytes > kMaxBatchedBytes) {
     member.alone = true;
     return absl::AbortedError("too large for a batch");
   }

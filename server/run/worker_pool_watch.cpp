@@ -15,7 +15,7 @@ namespace {
 using std::chrono::milliseconds;
 
 // The interval of the watch while there is work. Cancelled jobs of a GPU are stopped within this time.
-constexpr milliseconds kLookEvery{10};
+constexpr milliseconds kPollInterval{10};
 // Time for a GPU to react when all its jobs are cancelled or past their deadlines, ...
 constexpr milliseconds kCancelPatience{5'000};
 // ... and if the process ends.
@@ -47,7 +47,7 @@ void WorkerPool::Watch() {
     lock.lock();
     const auto woken = [this] { return stopping_ || watch_woken_; };
     if (busy) {
-      watch_changed_.wait_for(lock, kLookEvery, [this] { return stopping_; });
+      watch_changed_.wait_for(lock, kPollInterval, [this] { return stopping_; });
     } else {
       watch_idle_ = true;
       watch_changed_.wait(lock, woken);

@@ -103,7 +103,7 @@ JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
 
 namespace {
 
-constexpr double kLargestRatio = 64;
+constexpr double kMaxRatio = 64;
 // Weight of one batch against all before it.
 constexpr double kNews = 0.1;
 // Batches shorter than this measure the clock and the scheduler rather than the work.
@@ -120,7 +120,7 @@ void MeasuredCost::Observe(WorkKind kind, SizeClass size, double predicted_ms, d
   double& known = ratios_[size_t(kind)][size_t(size)];
   // In logarithms: half and twice as long cancel each other, and one outlier moves little.
   const double step = std::clamp(std::log(ratio / known), -2.0, 2.0);
-  known = std::clamp(known * std::exp(kNews * step), 1 / kLargestRatio, kLargestRatio);
+  known = std::clamp(known * std::exp(kNews * step), 1 / kMaxRatio, kMaxRatio);
 }
 
 }  // namespace voxelpipe

@@ -31,8 +31,8 @@ namespace {
 
 // Extra loaders for clients while all others are busy.
 int SpareLoaders(int loaders) {
-  constexpr int kLeast = 4, kMost = 64;
-  return std::clamp(loaders, kLeast, kMost);
+  constexpr int kMinLoaders = 4, kMaxLoaders = 64;
+  return std::clamp(loaders, kMinLoaders, kMaxLoaders);
 }
 
 // As many as meshes are loaded at the same time.

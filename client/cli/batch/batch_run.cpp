@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = ServerPool::Clock;
 
-constexpr std::chrono::milliseconds kLookEvery{50};  // poll interval for signals
+constexpr std::chrono::milliseconds kPollInterval{50};  // poll interval for signals
 
 // Permanent errors: the item's own, so that any server repeats them.
 bool IsPermanent(const absl::Status& status, bool by_server) {
@@ -79,7 +79,7 @@ class Run {
   // Polls for a signal until the workers have ended.
   void Watch() {
     std::unique_lock lock(mutex_);
-    while (!changed_.wait_for(lock, kLookEvery, [this] { return workers_ == 0; })) {
+    while (!changed_.wait_for(lock, kPollInterval, [this] { return workers_ == 0; })) {
       if (hooks_.stop_signal && hooks_.stop_signal() != 0) {
         stopping_ = true;
         for (JobContext* job : running_) {

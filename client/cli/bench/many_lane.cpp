@@ -21,7 +21,7 @@ namespace voxelpipe::cli {
 namespace {
 
 constexpr char kMethod[] = "/voxelpipe.v1.VoxelizationService/VoxelizeMany";
-constexpr std::chrono::milliseconds kLookEvery{100};  // poll interval of the flags of the run
+constexpr std::chrono::milliseconds kPollInterval{100};  // poll interval of the flags of the run
 constexpr std::chrono::milliseconds kPauseBroken{10};
 constexpr std::chrono::seconds kPatienceAtEnd{2};  // for a server that does not end the stream after this side
 
@@ -298,7 +298,7 @@ class ManyLane final : public Lane {
 
   std::chrono::system_clock::time_point NextLook() {
     const std::lock_guard lock(mutex_);
-    LoadClock::duration wait = kLookEvery;
+    LoadClock::duration wait = kPollInterval;
     if (!delayed_.empty()) wait = std::clamp(delayed_.begin()->first - LoadClock::now(), LoadClock::duration(), wait);
     return std::chrono::system_clock::now() + std::chrono::duration_cast<std::chrono::microseconds>(wait);
   }

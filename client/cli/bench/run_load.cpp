@@ -29,8 +29,8 @@ namespace {
 using v1::VoxelizationService;
 
 constexpr size_t kPieceBytes = size_t{1} << 20;
-constexpr size_t kMaxWholeBytes = size_t{1} << 20;   // of a mesh sent in one message with its config
-constexpr std::chrono::milliseconds kLookEvery{20};  // poll interval for signals, while idle
+constexpr size_t kMaxWholeBytes = size_t{1} << 20;      // of a mesh sent in one message with its config
+constexpr std::chrono::milliseconds kPollInterval{20};  // poll interval for signals, while idle
 
 absl::Status AtServer(const std::string& target, const grpc::Status& status) {
   const absl::Status ours = FromGrpcStatus(status);
@@ -103,9 +103,9 @@ v1::VoxelizeWholeRequest UnaryMessage(const v1::VoxelizeConfig& config, const Fi
 // load would measure that. They differ in the fill value, which has no effect without a fill.
 std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeConfig config, const FileBytes& mesh,
                                            const std::string& call) {
-  constexpr size_t kWithMesh = 64, kMost = 4096;
+  constexpr size_t kMaxWithMesh = 64, kMaxVariants = 4096;
   const size_t at_once = size_t(plan.rate ? plan.max_in_flight : plan.concurrency);
-  size_t count = std::min(mesh.empty() ? kMost : kWithMesh, std::max<size_t>(64, 2 * at_once));
+  size_t count = std::min(mesh.empty() ? kMaxVariants : kMaxWithMesh, std::max<size_t>(64, 2 * at_once));
   if (plan.same_request || plan.request.fill != Fill::kNone) count = 1;
   std::vector<LoadRun::Variant> variants(count);
   for (size_t i = 0; i < count; ++i) {
@@ -309,7 +309,7 @@ class Loop {
   static bool WaitUntil(LoadClock::time_point time) {
     for (LoadClock::time_point now = LoadClock::now(); now < time; now = LoadClock::now()) {
       if (InterruptSignal() != 0) return false;
-      std::this_thread::sleep_until(std::min(time, now + kLookEvery));
+      std::this_thread::sleep_until(std::min(time, now + kPollInterval));
     }
     return InterruptSignal() == 0;
   }

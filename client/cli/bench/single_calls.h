@@ -132,11 +132,11 @@ class SingleCalls : public Lane {
   }
 
   void Loop() {
-    constexpr std::chrono::milliseconds kLookEvery{100};  // poll interval of the flags of the run
+    constexpr std::chrono::milliseconds kPollInterval{100};  // poll interval of the flags of the run
     for (;;) {
       void* tag = nullptr;
       bool ok = false;
-      const auto next = queue_.AsyncNext(&tag, &ok, std::chrono::system_clock::now() + kLookEvery);
+      const auto next = queue_.AsyncNext(&tag, &ok, std::chrono::system_clock::now() + kPollInterval);
       if (next == grpc::CompletionQueue::SHUTDOWN) return;
       if (next == grpc::CompletionQueue::GOT_EVENT) Handle(tag, ok);
       if (run_.cancel.load(std::memory_order_relaxed)) CancelAll();

@@ -74,7 +74,7 @@ int DecodeStream(std::span<const uint8_t> compressed, const MeshoptView& view, s
 // part of its value: it encodes the number of bits of all four.
 template <typename T, typename Signed>
 void DecodeColors(std::vector<uint8_t>& bytes) {
-  constexpr int kBits = 8 * sizeof(T), kMost = (1 << kBits) - 1;
+  constexpr int kBits = 8 * sizeof(T), kMaxValue = (1 << kBits) - 1;
   for (size_t at = 0; at + 4 * sizeof(T) <= bytes.size(); at += 4 * sizeof(T)) {
     T in[4];
     std::memcpy(in, bytes.data() + at, sizeof in);
@@ -83,8 +83,8 @@ void DecodeColors(std::vector<uint8_t>& bytes) {
         alpha == 0 ? 0 : (1 << std::bit_width(unsigned(alpha))) - 1;  // the largest value of that many bits
     const int rgba[4] = {y + co - cg, y + cg, y - co - cg, ((alpha << 1) & scale) | (alpha & 1)};
     for (int c = 0; c < 4; ++c) {
-      const double full = scale == 0 ? 0 : double(rgba[c]) * kMost / scale;
-      in[c] = T(std::clamp(std::floor(full + 0.5), 0.0, double(kMost)));
+      const double full = scale == 0 ? 0 : double(rgba[c]) * kMaxValue / scale;
+      in[c] = T(std::clamp(std::floor(full + 0.5), 0.0, double(kMaxValue)));
     }
     std::memcpy(bytes.data() + at, in, sizeof in);
   }

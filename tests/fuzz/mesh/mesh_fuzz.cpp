@@ -231,12 +231,12 @@ class Fuzzer {
   // On a busy machine an answer may be late for no fault of its own, and cases that run together add up: each that is
   // suspected runs alone, on a fresh server.
   void Confirm() {
-    constexpr size_t kMost = 50;
+    constexpr size_t kMaxSuspects = 50;
     std::sort(suspects_.begin(), suspects_.end());
     suspects_.erase(std::unique(suspects_.begin(), suspects_.end()), suspects_.end());
-    if (suspects_.size() > kMost) {
-      std::printf("%zu cases are suspected, the first %zu are looked at\n", suspects_.size(), kMost);
-      suspects_.resize(kMost);
+    if (suspects_.size() > kMaxSuspects) {
+      std::printf("%zu cases are suspected, the first %zu are looked at\n", suspects_.size(), kMaxSuspects);
+      suspects_.resize(kMaxSuspects);
     }
     for (const uint64_t number : suspects_) {
       server_ = nullptr;

@@ -25,7 +25,7 @@ constexpr std::array<std::string_view, 16> kRead = {
 // Bytes of the tree, including the overhead of the allocator and of growing arrays.
 constexpr uint64_t kValueBytes = 24, kMemberBytes = 112, kContainerBytes = 72, kStringBytes = 40;
 constexpr uint64_t kChargeStep = 1 << 16;
-constexpr std::ptrdiff_t kLookEvery = 1 << 16;  // characters
+constexpr std::ptrdiff_t kPollStep = 1 << 16;  // characters
 
 // The characters of the text, which ends early if the job ends.
 class Reader {
@@ -52,7 +52,7 @@ class Reader {
   friend bool operator==(const Reader& a, const Reader& b) { return a.at_ == b.at_; }
 
  private:
-  std::ptrdiff_t Step() const { return std::min(kLookEvery, end_ - at_); }
+  std::ptrdiff_t Step() const { return std::min(kPollStep, end_ - at_); }
   void Look() {
     if (!job_->Check().ok()) at_ = end_;
     look_ = at_ + Step();
