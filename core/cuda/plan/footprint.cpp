@@ -171,6 +171,14 @@ double DeviceSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   return bytes + SumBytes(request, grid, layers);
 }
 
+// `depth`, or if that is above `most` the depth of as few slabs as possible that are about equally deep: two buffers of a
+// slab that is almost the whole grid would take twice its memory.
+int64_t EvenSlabDepth(int64_t layers, int64_t depth, int64_t most) {
+  if (depth <= most) return depth;
+  const int64_t slabs = (layers + most - 1) / most, even = (layers + slabs - 1) / slabs;
+  return (even + kSlabGranularity - 1) / kSlabGranularity * kSlabGranularity;
+}
+
 }  // namespace
 
 Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
@@ -185,7 +193,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
   };
   out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);
   if (!PlainBits(request) || !cpu::RowBitsFit(grid, mesh.triangles)) {
-    out.slab_depth = std::min(out.slab_depth, MaxSlabLayers(grid.dims, GetSpanLimits().slab_bits));
+    out.slab_depth = EvenSlabDepth(grid.dims[2], out.slab_depth, MaxSlabLayers(grid.dims, GetSpanLimits().slab_bits));
   }
   const bool one_slab = out.slab_depth >= grid.dims[2];
   const Surface slab = MostOfSlab(surface, grid, out.slab_depth);

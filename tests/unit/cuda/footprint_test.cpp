@@ -65,8 +65,8 @@ TEST(FootprintTest, SlabsHaveNoMoreVoxelsThanSpansHaveNumbersFor) {
     const Surface surface = EstimateSurface(request, grid, mesh);
     return PredictFootprint(request, grid, mesh, surface, PlanLimits(), Delivery::kMemory).slab_depth;
   };
-  EXPECT_EQ(depth(Floats(Blend::kMax, ResultKind::kDense)), 1016);
-  EXPECT_LE(depth(Floats(Blend::kMax, ResultKind::kSparse)), 1016);
+  EXPECT_EQ(depth(Floats(Blend::kMax, ResultKind::kDense)), 688);  // three of at most 1016 layers, evenly
+  EXPECT_LE(depth(Floats(Blend::kMax, ResultKind::kSparse)), 688);
   VoxelizeRequest bits;
   bits.result = ResultKind::kDense;
   EXPECT_EQ(depth(bits), 2048);  // rows need no numbers
