@@ -48,7 +48,7 @@ struct Jobs {
         request.targets[0].blend = Blend::kMax;
         request.targets[0].shader = {"triangle_id", {}};
       }
-      if (i == 8) {  // by tiles that need more shared memory than kernels have unasked
+      if (i == 8) {  // in accumulators of sums
         request.targets[0].components = 4;
         request.targets[0].blend = Blend::kAverage;
         request.targets[0].shader = {"normal", {}};

@@ -87,7 +87,7 @@ bool BlendsInPlace(const PathTarget& target);
 // True if a brick pool can hold the target: one key per voxel, never 0.
 bool FitsBricks(const PathTarget& target, ResultKind result);
 
-// Name of a target's path in `--json`: "occupancy", "triangles, in place", ...
+// Name of a target's path in `--json`: "occupancy", "triangles in place", ...
 std::string PathName(const PathPlan& plan, int target);
 
 }  // namespace voxelpipe::cuda

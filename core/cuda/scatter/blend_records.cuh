@@ -1,6 +1,5 @@
 // Blends the coverage records of triangles (coverage_record.h): one thread per triangle; a warp takes neighbours of the
 // mesh. No host-only includes.
-// No host-only includes.
 #pragma once
 
 #include "cuda/coverage/coverage_pass.cuh"

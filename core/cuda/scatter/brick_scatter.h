@@ -1,5 +1,5 @@
-// Sparse results blended in bricks that are allocated during rasterization (brick_scatter.cuh): a single float target
-// with min or max, or owners, and no fill. Included by .cu files only.
+// Blending in bricks that are allocated during rasterization (brick_scatter.cuh): of a single target, without a fill, a
+// sparse float with min or max, or owners, sparse or dense. Included by .cu files only.
 #pragma once
 
 #include "cuda/coverage/atomic_blend.cuh"

@@ -68,7 +68,7 @@ VOXELPIPE_HD CellBound SolveCell(bool none, float nu, float nt, float middle, fl
   return {middle * inverse, nt * inverse, fmaf(half + band, length, more), fmaf(half - band, length, more)};
 }
 
-// The bound by edge e through p, projected along an axis, as in TestEdge. An edge parallel to u adds nothing to the
+// The bound by edge e through p, projected along an axis, as in EdgeTest. An edge parallel to u adds nothing to the
 // box; its components are whole units of the fixed point, so the comparison with 0 is exact.
 VOXELPIPE_HD CellBound EdgeCells(float eu, float et, float pu, float pt, float area, float band, float rounding) {
   const float norm = fabsf(eu) + fabsf(et);

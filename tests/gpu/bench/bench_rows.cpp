@@ -181,7 +181,7 @@ std::vector<BenchRow> StageRows() {
     rows.Add(mesh, "f32 max sparse", 1024, 0, 0, Floats(1, Blend::kMax, ResultKind::kSparse));
     rows.Add(mesh, "A-buffer thin", 1024, 0, 0, ABuffer(Coverage::kThin));
   }
-  // All triangles in one tile, in a few, in many.
+  // 10 M triangles in a few voxels, in more, in many.
   for (const int64_t n : {8, 64, 512}) {
     rows.Add("sphere10M", "f32 replace dense", n, 0, 0, Floats(1, Blend::kReplace, ResultKind::kDense));
   }

@@ -391,7 +391,7 @@ std::vector<ParityCase> SlabCases() {
   add(ResultKind::kDense, Fill::kFlood, "", Blend::kOr, 0);
   add(ResultKind::kDense, Fill::kNone, "triangle_id", Blend::kMax, 1);
   add(ResultKind::kDense, Fill::kParity, "geometric_normal", Blend::kAdd, 4).request.layout = Layout::kPlanar;
-  // The memory is less than that of the pairs and values of all tiles.
+  // The memory that the device has is not enough for all layers.
   ParityCase& planar = add(ResultKind::kDense, Fill::kNone, "normal", Blend::kAverage, 4);
   planar.request.layout = Layout::kPlanar;
   planar.enough = 1 << 19;
