@@ -22,8 +22,8 @@
 namespace voxelpipe {
 namespace {
 
-// Sort-middle on the CPU: triangles by tile; coverage, fragment shading and blending tile by tile; the inside. CUDA sorts
-// no tiles (cuda/README.md).
+// Sort-middle on the CPU: triangles by tile; coverage, fragment shading and blending tile by tile; the inside. CUDA
+// sorts no tiles (cuda/README.md).
 absl::Status RasterizeSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab, StageClock& clock) {
   absl::Status s = stages.SortTriangles(slab, clock);  // coarse_raster, tile_sort
   if (s.ok()) s = clock("fine_raster", [&] { return stages.FineRaster(slab); });
