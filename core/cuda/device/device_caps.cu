@@ -21,15 +21,19 @@ bool BeginsEarly(const DeviceInfo& device) {
          }) != 0;
 }
 
-bool ExceedsCache(const DeviceInfo& device, uint64_t bytes) {
+uint64_t CacheBytes(const DeviceInfo& device) {
   static std::array<std::atomic<int>, 64> known{};
-  if (const uint64_t assumed = AssumedCache(); assumed > 0) return bytes > assumed / 2;
-  const int cache = OfDevice(known, device, [&] {
+  if (const uint64_t assumed = AssumedCache(); assumed > 0) return assumed;
+  return uint64_t(OfDevice(known, device, [&] {
     int size = 0;
     if (cudaDeviceGetAttribute(&size, cudaDevAttrL2CacheSize, device.ordinal) != cudaSuccess) size = 0;
     return std::max(size, 0);
-  });
-  return cache != 0 && bytes > uint64_t(cache) / 2;
+  }));
+}
+
+bool ExceedsCache(const DeviceInfo& device, uint64_t bytes) {
+  const uint64_t cache = CacheBytes(device);
+  return cache != 0 && bytes > cache / 2;
 }
 
 }  // namespace voxelpipe::cuda

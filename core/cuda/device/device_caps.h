@@ -21,6 +21,8 @@ int OfDevice(std::array<std::atomic<int>, 64>& known, const DeviceInfo& device, 
 // True if kernels support programmatic dependent launch (dependent_launch.cuh). It depends on the architecture that
 // they were compiled for: a newer device may run code compiled for an older one.
 bool BeginsEarly(const DeviceInfo& device);
+// Size of the L2 cache in bytes, or the assumed one (AssumeCache); 0 if unknown.
+uint64_t CacheBytes(const DeviceInfo& device);
 // True if `bytes` exceed half of the L2 cache. False if its size is unknown.
 bool ExceedsCache(const DeviceInfo& device, uint64_t bytes);
 

@@ -45,11 +45,8 @@ __global__ void __launch_bounds__(kPartThreads, 2048 / kPartThreads) StorePool(c
 
 bool MakeBitPool(RunState& state, BitArgs& args) {
   constexpr uint64_t kPartOfMemory = 32;
-  if (state.plan.path != Path::kOccupancy) return false;
-  if (args.packed != nullptr || args.fixed.bits == 0 || args.coverage == Coverage::kCenter) return false;
-  const uint64_t nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
+  const auto ny = uint64_t(args.grid.dims[1]);
   const auto nz = uint64_t(args.grid.slab_end - args.grid.slab_begin);
-  if (args.triangle_count * 2 > std::max({nx * ny, ny * nz, nz * nx})) return false;
   BitPool& pool = args.pool;
   pool.dims_x = uint32_t(args.grid.words_per_row);
   pool.dims_y = uint32_t((ny + 7) / 8);

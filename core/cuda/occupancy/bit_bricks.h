@@ -7,9 +7,9 @@ struct BitArgs;
 class LaunchList;
 struct RunState;
 
-// True if the grid is many times larger than the L2 cache and bits should be set in bricks first; allocates the pool,
-// with a slot for every brick, of which only allocated ones are touched. Not for smaller triangles: CellKernel is then
-// limited by instruction issue, and brick lookups cost more than memory accesses.
+// Allocates the pool of OccupancyPath::kBricks, with a slot for every brick, of which only allocated ones are touched.
+// False if it finds no memory. Smaller triangles do not take it: CellKernel is then limited by instruction issue, and
+// brick lookups cost more than memory accesses.
 bool MakeBitPool(RunState& state, BitArgs& args);
 // Adds the kernel that clears the slot table and the queues. CellKernel may follow by programmatic dependent launch.
 void AddClearPool(const RunState& state, const BitArgs& args, LaunchList& list);

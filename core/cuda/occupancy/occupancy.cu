@@ -12,6 +12,7 @@
 #include "cuda/occupancy/bit_bricks.h"
 #include "cuda/occupancy/occupancy_kernels.cuh"
 #include "cuda/occupancy/row_kernel.h"
+#include "cuda/plan/occupancy_plan.h"
 #include "cuda/traversal/mesh_locality.h"
 #include "cuda/traversal/raster_args.h"
 #include "grid/index_space.h"
@@ -48,20 +49,36 @@ int BlocksAtOnce(const DeviceInfo& device) {
   });
 }
 
-bool ClearedByWalk(const BitArgs& args) {
+// Resident blocks of FewKernel on the device. Thin coverage and two lanes per triangle need no more resources.
+uint64_t FewBlocksAtOnce(const DeviceInfo& device) {
+  static std::array<std::atomic<int>, 64> known{};
+  const int resident =
+      OfDevice(known, device, [] { return std::min(ResidentBlocks(FewKernel<false, 1>, kCellThreads), kCellBlocks); });
+  return uint64_t(resident) * uint64_t(AssumedCache() > 0 ? 1 : device.multiprocessors);
+}
+
+// The grid and the mesh as the plan asks for them.
+OccupancyInputs InputsOf(RunState& state, BitArgs& args) {
   const uint64_t assumed = AssumedCache();
-  return args.quads * 16 <= (assumed > 0 ? std::min(kClearedByWalk, assumed * kAssumedClearedByWalk) : kClearedByWalk);
-}
-
-// Maximum number of triangles for which a single launch does all steps.
-uint64_t MostAtOnce(const RunState& state) {
-  if (state.plan.path != Path::kOccupancy || AssumedCache() > 0) return 0;
-  return uint64_t(BlocksAtOnce(state.device)) * (kAtOnceThreads / 32) * kAtOnceSetups;
-}
-
-// True if the grid exceeds the L2 cache, so that paths that avoid uncached atomics pay off. Only for Path::kOccupancy.
-bool GoesAroundCache(const RunState& state, const BitArgs& args) {
-  return state.plan.path == Path::kOccupancy && ExceedsCache(state.device, args.quads * 16);
+  OccupancyInputs in;
+  in.dims = {args.grid.dims[0], args.grid.dims[1], args.grid.slab_end - args.grid.slab_begin};
+  in.bytes = args.quads * 16;
+  in.triangles = args.triangle_count;
+  in.alone = state.plan.path == Path::kOccupancy;
+  in.fixed_point = HasFixed(args);
+  in.has_ordered_copy = [&] {
+    PrepareScattered(state);
+    UsePacked(state, args, /*placed=*/true);
+    return args.packed != nullptr;
+  };
+  in.needs_rows = [&] { return ManyGoByRows(state); };
+  in.cache_bytes = CacheBytes(state.device);
+  if (assumed == 0) {
+    in.single_launch_triangles = uint64_t(BlocksAtOnce(state.device)) * (kAtOnceThreads / 32) * kAtOnceSetups;
+  }
+  in.resident_triangles = FewBlocksAtOnce(state.device) * kCellThreads;
+  in.kernel_clear_bytes = assumed > 0 ? std::min(kClearedByWalk, assumed * kAssumedClearedByWalk) : kClearedByWalk;
+  return in;
 }
 
 void CutIntoPieces(const BitArgs& args, Bins& bins) {
@@ -83,30 +100,9 @@ void LeaveOutEmpty(const RunState& state, const BitArgs& args, Bins& bins) {
   bins.z_end = uint32_t(Clamp(std::ceil((layer(state.box.max) + 3) / kPieceEdge), double(bins.z_begin) + 1, most));
 }
 
-// Unordered triangles are processed in Morton order if the grid exceeds the cache kCacheTimes-fold; their largest are
-// drawn during clearing if the grid exceeds 1/kCacheTimes of it.
-constexpr uint64_t kCacheTimes = 8;
-
-// True if the grid is so large that concurrent writes should be close together.
-bool KeepsToPlaces(const RunState& state, const BitArgs& args) {
-  return ExceedsCache(state.device, args.quads * 16 / kCacheTimes);
-}
-
-// True if the largest triangles of an unordered mesh are drawn while the grid is cleared. In small grids their setup
-// costs more than it saves.
-bool DrawsLargest(const RunState& state, const BitArgs& args) {
-  return state.plan.path == Path::kOccupancy && ExceedsCache(state.device, args.quads * 16 * kCacheTimes);
-}
-
-// True if the grid is rasterized by grid blocks; allocates the bins. Not if the cache holds most of the grid, nor for
-// small triangles: more than eight per grid block of the grid's largest face.
+// Allocates the bins of OccupancyPath::kBlocks. False if they find no memory.
 bool MakeBins(RunState& state, const BitArgs& args, Bins& bins) {
-  constexpr uint64_t kMaxTriangles = 1 << 18;
-  if (!GoesAroundCache(state, args)) return false;
-  const uint64_t nx = uint64_t(args.grid.dims[0]), ny = uint64_t(args.grid.dims[1]);
-  const auto nz = uint64_t(args.grid.slab_end - args.grid.slab_begin);
-  const uint64_t count = args.triangle_count, face = std::max({nx * ny, ny * nz, nz * nx});
-  if (count == 0 || count > kMaxTriangles || count * 8 > face) return false;
+  const uint64_t count = args.triangle_count;
   CutIntoPieces(args, bins);
   LeaveOutEmpty(state, args, bins);
   const uint64_t pieces = uint64_t{bins.dims[0]} * bins.dims[1] * bins.dims[2];
@@ -197,40 +193,13 @@ auto* FewKernelFor(int row_lanes) {
   return row_lanes == kSharedRows ? FewKernel<kThin, kSharedRows> : FewKernel<kThin, 1>;
 }
 
-// Resident blocks of FewKernel on the device. Thin coverage and two lanes per triangle need no more resources.
-uint64_t FewBlocksAtOnce(const DeviceInfo& device) {
-  static std::array<std::atomic<int>, 64> known{};
-  const int resident =
-      OfDevice(known, device, [] { return std::min(ResidentBlocks(FewKernel<false, 1>, kCellThreads), kCellBlocks); });
-  return uint64_t(resident) * uint64_t(AssumedCache() > 0 ? 1 : device.multiprocessors);
-}
-
-// Lanes of FewKernel that share the rows of a triangle; 0 if its blocks are not all resident. More than one for
-// triangles of many rows (on average more than one voxel of the grid's largest face each). More lanes, and other
-// numbers of triangles per block, are slower.
-int RowLanes(const RunState& state, const BitArgs& args) {
-  if (args.packed != nullptr || args.pool.places != nullptr) return 0;
-  const int64_t nx = args.grid.dims[0], ny = args.grid.dims[1], nz = args.grid.slab_end - args.grid.slab_begin;
-  const uint64_t at_once = FewBlocksAtOnce(state.device) * kCellThreads;
-  const auto face = uint64_t(std::max({nx * ny, ny * nz, nz * nx}));
-  if (args.triangle_count < std::min(face, at_once / kSharedRows)) return kSharedRows;
-  return args.triangle_count <= at_once ? 1 : 0;
-}
-
-// True if all triangles are rasterized by rows at once. Small grids are left to CellKernel and FewKernel, which also
-// clear them.
-bool GoesByRows(RunState& state, const BitArgs& args) {
-  return HasFixed(args) && !ClearedByWalk(args) && RowLanes(state, args) != kSharedRows && ManyGoByRows(state);
-}
-
 template <bool kThin>
 auto* CellKernelFor(const BitArgs& args) {
   if (args.pool.places != nullptr) return CellKernel<kThin, false, BitSink::kBricks>;
   if (args.packed == nullptr) return CellKernel<kThin, false, BitSink::kWords>;
   return CellKernel<kThin, true, BitSink::kTogether>;
 }
-void AddCells(RunState& state, BitArgs& args, LaunchList& list) {
-  const int row_lanes = RowLanes(state, args);
+void AddCells(RunState& state, BitArgs& args, int row_lanes, LaunchList& list) {
   const bool few = row_lanes > 0, thin = args.coverage == Coverage::kThin;
   const uint64_t each = few ? uint64_t(kCellThreads / row_lanes) : uint64_t(args.rounds) * kCellThreads;
   const auto blocks = unsigned((args.triangle_count + each - 1) / each);
@@ -246,41 +215,47 @@ void AddCells(RunState& state, BitArgs& args, LaunchList& list) {
   AddLayers(state, args, list);
 }
 
-// Appends all kernels of a call. `args` is complete except for what depends on the chosen variant.
+// Appends all kernels of a call. `args` is complete except for what depends on the plan.
 absl::Status AddAll(RunState& state, BitArgs& args, LaunchList& list) {
-  if (Bins bins; MakeBins(state, args, bins)) {
-    AddPieces(state, args, bins, list);
-    return absl::OkStatus();
+  OccupancyInputs in = InputsOf(state, args);
+  OccupancyPlan plan = PlanOccupancy(in);
+  Bins bins;
+  if (plan.path == OccupancyPath::kBlocks && !MakeBins(state, args, bins)) {
+    in.without_blocks = true;
+    plan = PlanOccupancy(in);
   }
-  if (args.triangle_count > 0 && args.triangle_count <= MostAtOnce(state)) {
-    AddAtOnce(state, args, BlocksAtOnce(state.device), list);
-    return absl::OkStatus();
+  if (plan.path == OccupancyPath::kBricks && !MakeBitPool(state, args)) {
+    in.without_bricks = true;
+    plan = PlanOccupancy(in);
   }
-  args.rounds = RoundsFor(args.triangle_count, kCellThreads, uint64_t(state.device.multiprocessors) * kCellBlocks,
-                          kMaxCellRounds);
-  PrepareScattered(state);
-  UsePacked(state, args, /*placed=*/true);
-  if (args.packed != nullptr && KeepsToPlaces(state, args)) args.rounds = kOrderedRounds;
-  if (DrawsLargest(state, args)) args.largest = state.scattered_mesh.largest;
-  if (args.triangle_count == 0) {
-    AddClear(state, args, list);
-    return absl::OkStatus();
+  args.rounds = plan.keeps_together ? kOrderedRounds
+                                    : RoundsFor(args.triangle_count, kCellThreads,
+                                                uint64_t(state.device.multiprocessors) * kCellBlocks, kMaxCellRounds);
+  if (plan.draws_largest) args.largest = state.scattered_mesh.largest;
+  switch (plan.path) {
+    case OccupancyPath::kClear: AddClear(state, args, list); break;
+    case OccupancyPath::kBlocks: AddPieces(state, args, bins, list); break;
+    case OccupancyPath::kSingleLaunch: AddAtOnce(state, args, BlocksAtOnce(state.device), list); break;
+    case OccupancyPath::kBricks:
+      AddClearPool(state, args, list);
+      AddCells(state, args, 0, list);
+      break;
+    case OccupancyPath::kRows:
+      VOXELPIPE_OK_OR_RETURN(AddCleared(state, args, list));
+      AddRows(state, args, plan.rows_together, list);
+      AddLayers(state, args, list);
+      break;
+    case OccupancyPath::kResident:
+    case OccupancyPath::kTriangles:
+      if (plan.clears_in_kernel) {
+        args.clear_blocks = BlocksFor(args.quads, uint64_t{kCellThreads} * 4, uint64_t(state.device.multiprocessors));
+        args.cleared = reinterpret_cast<uint32_t*>(state.counters.data() + kCleared);
+      } else {
+        VOXELPIPE_OK_OR_RETURN(AddCleared(state, args, list));
+      }
+      AddCells(state, args, plan.lanes_per_triangle, list);
+      break;
   }
-  if (KeepsToPlaces(state, args) && MakeBitPool(state, args)) {
-    args.rounds = kOrderedRounds;
-    AddClearPool(state, args, list);
-  } else if (GoesByRows(state, args)) {
-    VOXELPIPE_OK_OR_RETURN(AddCleared(state, args, list));
-    AddRows(state, args, GoesAroundCache(state, args), list);
-    AddLayers(state, args, list);
-    return absl::OkStatus();
-  } else if (args.largest == nullptr && ClearedByWalk(args)) {
-    args.clear_blocks = BlocksFor(args.quads, uint64_t{kCellThreads} * 4, uint64_t(state.device.multiprocessors));
-    args.cleared = reinterpret_cast<uint32_t*>(state.counters.data() + kCleared);
-  } else {
-    VOXELPIPE_OK_OR_RETURN(AddCleared(state, args, list));
-  }
-  AddCells(state, args, list);
   return absl::OkStatus();
 }
 
