@@ -6,6 +6,8 @@
 
 namespace voxelpipe::testing {
 
+inline constexpr uint64_t kMiB = 1 << 20;
+
 // False if a sanitizer's allocator replaces the counted one: then nothing is counted.
 bool CountsMemory();
 // Currently allocated bytes, including idle blocks of the page pool.

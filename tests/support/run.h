@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -45,6 +46,12 @@ inline bool BitAt(const HostBuffer& bits, uint64_t n) {
 inline float FloatAt(const HostBuffer& values, uint64_t i) {
   return reinterpret_cast<const float*>(values.data())[i];
 }
+template <typename T>
+T ValueAt(const HostBuffer& values, uint64_t i) {
+  T value;
+  std::memcpy(&value, values.data() + i * sizeof(T), sizeof(T));
+  return value;
+}
 
 inline std::vector<uint8_t> Bytes(const HostBuffer& buffer) {
   return {buffer.bytes().begin(), buffer.bytes().end()};
@@ -65,6 +72,11 @@ inline TargetSpec FloatTarget(int components, Blend blend, ShaderCall shader) {
   target.components = components;
   target.blend = blend;
   target.shader = std::move(shader);
+  return target;
+}
+inline TargetSpec TargetOf(VoxelFormat format, int components, Blend blend, ShaderCall shader) {
+  TargetSpec target = FloatTarget(components, blend, std::move(shader));
+  target.format = format;
   return target;
 }
 

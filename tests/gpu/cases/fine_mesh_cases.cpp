@@ -57,12 +57,12 @@ std::vector<ParityCase> FourCases(const ParityMesh& named) {
   const GridRequest grids[4] = {Placed({e, e, e}, {0, 0, 0}, {1, 1, 1}), Placed({65, 17, 23}, {0, 0, 0}, {1, 1, 1}),
                                 Placed({e, e - 3, e + 2}, {-1.25, 0.5, 2}, {0.75, 1, 4.0 / 3}),
                                 Placed({97, 41, 53}, {third, third, named.extent / 4}, {0.1, 0.125, 0.3})};
-  constexpr Coverage kCoverages[3] = {Coverage::kConservative, Coverage::kThin, Coverage::kCenter};
+  constexpr Coverage kFineCoverages[3] = {Coverage::kConservative, Coverage::kThin, Coverage::kCenter};
   constexpr const char* kShaders[3] = {"normal", "geometric_normal", "triangle_id"};
   for (size_t i = 0; i < 12; ++i) {
     ParityCase c;
     c.request.grid = grids[i % 4];
-    c.request.coverage = kCoverages[i / 2 % 3];
+    c.request.coverage = kFineCoverages[i / 2 % 3];
     if (i % 4 == 3) c.request.fill = Fill::kParity;
     TargetSpec& target = c.request.targets[0];
     target.format = VoxelFormat::kF32;

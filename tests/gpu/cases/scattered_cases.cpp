@@ -5,7 +5,7 @@
 namespace voxelpipe::gpu {
 namespace {
 
-constexpr Coverage kCoverages[] = {Coverage::kConservative, Coverage::kThin};
+constexpr Coverage kScatteredCoverages[] = {Coverage::kConservative, Coverage::kThin};
 
 // Largest and least values, which are written with the largest triangles in them, where the grids are larger than the
 // cache.
@@ -20,7 +20,7 @@ void AddFilled(std::vector<ParityCase>& cases, const GridRequest& small, const s
   const auto add = [&](const GridRequest& grid, std::vector<TargetSpec> targets) {
     ParityCase c;
     c.request.grid = grid;
-    c.request.coverage = kCoverages[cases.size() % 2];
+    c.request.coverage = kScatteredCoverages[cases.size() % 2];
     c.request.targets = std::move(targets);
     if (cases.size() % 4 == 0) c.slab_depth = 88;  // of many rows still
     if (cases.size() % 5 == 0) c.request.fill = Fill::kParity;
@@ -47,7 +47,7 @@ std::vector<ParityCase> ScatteredCases() {
   const auto add = [&](const GridRequest& grid, std::vector<TargetSpec> targets) -> ParityCase& {
     ParityCase c;
     c.request.grid = grid;
-    c.request.coverage = kCoverages[cases.size() % 2];
+    c.request.coverage = kScatteredCoverages[cases.size() % 2];
     c.request.targets = std::move(targets);
     cases.push_back(c);
     return cases.back();

@@ -31,8 +31,6 @@ using ::testing::AnyOf;
 using ::testing::Eq;
 using ::testing::HasSubstr;
 
-constexpr char kVoxelize[] = "/voxelpipe.v1.VoxelizationService/Voxelize";
-
 std::string Config(const VoxelizeRequest& request = SmallRequest()) {
   v1::VoxelizeRequest message;
   *message.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
@@ -55,7 +53,7 @@ class CorruptStreamTest : public ::testing::Test {
     ASSERT_NE(client_, nullptr);
     channel_ = grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials());
     ASSERT_NO_FATAL_FAILURE(ExpectServed());
-    ASSERT_TRUE(SendRawMessages(channel_, kVoxelize, {Config(), Piece(glb_)}).ok());
+    ASSERT_TRUE(SendRawMessages(channel_, kVoxelizeMethod, {Config(), Piece(glb_)}).ok());
     before_ = SettledProcessFacts(server_->pid());
   }
   // Whatever was sent: the next call is served, and nothing is left of those before.
@@ -110,7 +108,7 @@ TEST_F(CorruptStreamTest, BytesThatAreNoHttp2) {
 
 TEST_F(CorruptStreamTest, FramesThatBreakTheProtocol) {
   using namespace http2;
-  const std::string request = Request(1, kVoxelize);
+  const std::string request = Request(1, kVoxelizeMethod);
   for (const std::string& frames :
        {Frame(kData, 0, 0, "data on no stream"), Frame(kContinuation, kEndHeaders, 1, "no headers before it"),
         Frame(kSettings, 0, 0, "seven b"), Frame(kHeaders, kEndHeaders, 1, std::string(64, '\xff')),
@@ -124,7 +122,7 @@ TEST_F(CorruptStreamTest, FramesThatBreakTheProtocol) {
 
 TEST_F(CorruptStreamTest, GrpcLengthsThatLie) {
   using namespace http2;
-  const std::string start = Opening() + Request(1, kVoxelize);
+  const std::string start = Opening() + Request(1, kVoxelizeMethod);
   for (const std::string& bytes :
        {std::string("\0\xff\xff\xff\xff", 5) + "four gigabytes",
         std::string("\0\x04\x00\x00\x01", 5) + "beyond the limit", std::string("\0\x00\x00\x10\x00", 5) + "cut off",
@@ -139,7 +137,7 @@ TEST_F(CorruptStreamTest, OversizedCounts) {
   const auto refused = [&](const v1::VoxelizeConfig& config) {
     v1::VoxelizeRequest message;
     *message.mutable_config() = config;
-    const grpc::Status status = SendRawMessages(channel_, kVoxelize, {message.SerializeAsString(), Piece(glb_)});
+    const grpc::Status status = SendRawMessages(channel_, kVoxelizeMethod, {message.SerializeAsString(), Piece(glb_)});
     EXPECT_THAT(status.error_code(), AnyOf(grpc::StatusCode::INVALID_ARGUMENT, grpc::StatusCode::RESOURCE_EXHAUSTED))
         << config.ShortDebugString() << ": " << status.error_message();
     EXPECT_FALSE(status.error_message().empty());
@@ -172,14 +170,14 @@ TEST_F(CorruptStreamTest, OversizedCounts) {
   const size_t at = text.find("\"count\":81");
   ASSERT_NE(at, std::string::npos);
   text.replace(at, 10, "\"count\":9e9");  // one byte more: the JSON chunk no longer fits its length either
-  const grpc::Status status = SendRawMessages(channel_, kVoxelize, {Config(), Piece({text.begin(), text.end()})});
+  const grpc::Status status = SendRawMessages(channel_, kVoxelizeMethod, {Config(), Piece({text.begin(), text.end()})});
   EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
 }
 
 // Calls that begin and say no more, far more than may be open, from a client that does not care how many that are.
 TEST_F(CorruptStreamTest, CallsWithoutEndOnOneConnection) {
   std::string calls;
-  for (uint32_t stream = 1; stream < 10'000; stream += 2) calls += http2::Request(stream, kVoxelize);
+  for (uint32_t stream = 1; stream < 10'000; stream += 2) calls += http2::Request(stream, kVoxelizeMethod);
   SendBytes(http2::Opening() + calls, std::chrono::seconds(1));
 }
 
@@ -191,7 +189,7 @@ TEST_F(CorruptStreamTest, MessagesThatAreNoProtobuf) {
                                                    {Config(), Piece(glb_), noise},
                                                    {Config(), Piece(glb_).substr(0, 500)},
                                                    {Config().substr(0, 3), Piece(glb_)}}) {
-    const grpc::Status status = SendRawMessages(channel_, kVoxelize, messages);
+    const grpc::Status status = SendRawMessages(channel_, kVoxelizeMethod, messages);
     EXPECT_THAT(status.error_code(), AnyOf(grpc::StatusCode::INVALID_ARGUMENT, grpc::StatusCode::INTERNAL))
         << status.error_message();
   }
@@ -304,7 +302,7 @@ TEST_F(CorruptStreamTest, APieceThatIsNotWhatItsChecksumSays) {
   v1::VoxelizeRequest piece;
   piece.set_mesh_piece(glb_.data(), glb_.size());
   piece.set_crc32c(12345);
-  const grpc::Status status = SendRawMessages(channel_, kVoxelize, {Config(), piece.SerializeAsString()});
+  const grpc::Status status = SendRawMessages(channel_, kVoxelizeMethod, {Config(), piece.SerializeAsString()});
   EXPECT_EQ(status.error_code(), grpc::StatusCode::DATA_LOSS) << status.error_message();
 }
 
@@ -312,7 +310,8 @@ TEST_F(CorruptStreamTest, APieceThatIsNotWhatItsChecksumSays) {
 TEST_F(CorruptStreamTest, MutatedCalls) {
   std::mt19937 random(20111);
   const std::string preface = http2::Opening();
-  const std::string call = preface + http2::Request(1, kVoxelize) + http2::Data(1, http2::Message(Config()), false) +
+  const std::string call = preface + http2::Request(1, kVoxelizeMethod) +
+                           http2::Data(1, http2::Message(Config()), false) +
                            http2::Data(1, http2::Message(Piece(glb_)), true);
   std::vector<std::unique_ptr<RawClient>> open;
   for (int i = 0; i < Effort(300, 20'000); ++i) {

@@ -22,7 +22,6 @@
 namespace voxelpipe::testing {
 namespace {
 
-constexpr char kVoxelize[] = "/voxelpipe.v1.VoxelizationService/Voxelize";
 constexpr char kUploadMesh[] = "/voxelpipe.v1.VoxelizationService/UploadMesh";
 constexpr int kQueue = 8;
 
@@ -42,7 +41,7 @@ std::string CallBytes(const std::vector<uint8_t>& mesh, const VoxelizeRequest& r
   v1::VoxelizeRequest config, piece;
   *config.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
   piece.set_mesh_piece(mesh.data(), mesh.size());
-  return http2::Opening() + http2::Request(1, kVoxelize) +
+  return http2::Opening() + http2::Request(1, kVoxelizeMethod) +
          http2::Data(1, http2::Message(config.SerializeAsString()), false) +
          http2::Data(1, http2::Message(piece.SerializeAsString()), true);
 }

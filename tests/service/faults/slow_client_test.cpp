@@ -63,7 +63,7 @@ class SlowClientTest : public ::testing::Test {
 constexpr size_t kEnoughBytes = 64 << 10;
 
 // 32 MiB: more than all the buffers between us.
-VoxelizeRequest LargeResult() {
+VoxelizeRequest SlowResult() {
   VoxelizeRequest request;
   request.grid.dims = {256, 256, 128};
   request.grid.voxel_size = Vec3d{0.02, 0.02, 0.02};
@@ -135,7 +135,7 @@ TEST_F(SlowClientTest, ANonReaderDoesNotKeepTheMemory) {
   const auto ask = [&](grpc::ClientContext& context) {
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
     auto stream = stub_->Voxelize(&context);
-    stream->Write(Config(LargeResult()));
+    stream->Write(Config(SlowResult()));
     stream->Write(Piece({glb_.begin(), glb_.end()}));
     stream->WritesDone();
     v1::VoxelizeResponse response;
@@ -166,8 +166,8 @@ TEST_F(SlowClientTest, TwentyNonReadersAreCheap) {
     ASSERT_TRUE(reader.ok()) << reader.status();
     readers.push_back(*std::move(reader));
     ASSERT_TRUE(readers.back()->Send(
-        http2::Opening() + http2::Request(1, "/voxelpipe.v1.VoxelizationService/Voxelize") +
-        http2::Data(1, http2::Message(Config(LargeResult()).SerializeAsString()), false) +
+        http2::Opening() + http2::Request(1, kVoxelizeMethod) +
+        http2::Data(1, http2::Message(Config(SlowResult()).SerializeAsString()), false) +
         http2::Data(1, http2::Message(Piece({glb_.begin(), glb_.end()}).SerializeAsString()), true)));
   }
   // The one worker comes to each of them.
@@ -187,21 +187,20 @@ TEST_F(SlowClientTest, NonReadersOfAKeptResultShareIt) {
   ASSERT_NO_FATAL_FAILURE(Start({"--result-cache-bytes", "100000000", "--piece-bytes", "262144"}));
   const absl::StatusOr<StoredMesh> mesh = client_->UploadMesh(glb_, MeshFormat::kGlb, JobContext());
   ASSERT_TRUE(mesh.ok()) << mesh.status();
-  ASSERT_TRUE(client_->VoxelizeStored(mesh->mesh_id, LargeResult(), JobContext()).ok());
+  ASSERT_TRUE(client_->VoxelizeStored(mesh->mesh_id, SlowResult(), JobContext()).ok());
   const ProcessFacts before = ReadProcessFacts(server_->pid());
-  v1::VoxelizeRequest request = Config(LargeResult());
+  v1::VoxelizeRequest request = Config(SlowResult());
   request.mutable_config()->set_mesh_id(mesh->mesh_id);
   std::vector<std::unique_ptr<RawClient>> readers;
   for (int i = 0; i < 20; ++i) {
     auto reader = RawClient::Connect(server_->address(), /*receive_buffer_bytes=*/4096);
     ASSERT_TRUE(reader.ok()) << reader.status();
     readers.push_back(*std::move(reader));
-    ASSERT_TRUE(readers.back()->Send(http2::Opening() +
-                                     http2::Request(1, "/voxelpipe.v1.VoxelizationService/Voxelize") +
+    ASSERT_TRUE(readers.back()->Send(http2::Opening() + http2::Request(1, kVoxelizeMethod) +
                                      http2::Data(1, http2::Message(request.SerializeAsString()), true)));
   }
   for (const auto& reader : readers) EXPECT_TRUE(reader->ReadUntilData());
-  const absl::StatusOr<RemoteResult> again = client_->VoxelizeStored(mesh->mesh_id, LargeResult(), JobContext());
+  const absl::StatusOr<RemoteResult> again = client_->VoxelizeStored(mesh->mesh_id, SlowResult(), JobContext());
   ASSERT_TRUE(again.ok()) << again.status();
   EXPECT_TRUE(again->cached);
   const ProcessFacts after = ReadProcessFacts(server_->pid());

@@ -12,6 +12,8 @@
 
 namespace voxelpipe::testing {
 
+inline constexpr char kVoxelizeMethod[] = "/voxelpipe.v1.VoxelizationService/Voxelize";
+
 // The bytes of HTTP/2 (RFC 9113) and of gRPC's messages in it.
 namespace http2 {
 
@@ -23,7 +25,7 @@ inline constexpr size_t kFrameBytes = 16384;  // the largest payload that every 
 std::string Frame(uint8_t type, uint8_t flags, uint32_t stream, std::string_view payload);
 // Preface, settings, and a window so wide that the server never waits for this client's updates.
 std::string Opening();
-// One header block that calls a method, such as "/voxelpipe.v1.VoxelizationService/Voxelize".
+// One header block that calls a method, such as kVoxelizeMethod.
 std::string Request(uint32_t stream, std::string_view path);
 // A serialized message with its five-byte prefix, not compressed.
 std::string Message(std::string_view serialized);

@@ -190,7 +190,7 @@ class Elements {
 };
 
 template <typename T>
-std::vector<uint8_t> AsBytes(const std::vector<T>& values) {
+std::vector<uint8_t> ArrayBytes(const std::vector<T>& values) {
   std::vector<uint8_t> bytes(values.size() * sizeof(T));
   if (!bytes.empty()) std::memcpy(bytes.data(), values.data(), bytes.size());
   return bytes;
@@ -347,7 +347,7 @@ std::vector<std::vector<uint8_t>> BucketArrays(const VoxelizeRequest& request, c
     offsets.push_back(i);
   }
   offsets.push_back(all.voxel.size());
-  std::vector<std::vector<uint8_t>> arrays{AsBytes(voxels), AsBytes(offsets), AsBytes(all.triangle)};
+  std::vector<std::vector<uint8_t>> arrays{ArrayBytes(voxels), ArrayBytes(offsets), ArrayBytes(all.triangle)};
   for (size_t t = 0; t < request.targets.size(); ++t) {
     TargetSpec spec = request.targets[t];
     spec.blend = Blend::kFirst;  // of one fragment: its converted value
@@ -416,7 +416,7 @@ std::vector<std::vector<uint8_t>> ReferenceArrays(const TriangleMesh& mesh, cons
     std::vector<bool> occupied = inside.empty() ? std::vector<bool>(voxels) : inside;
     for (const uint64_t n : all.voxel) occupied[n] = true;
     Bricks bricks = ListBricks(dims, occupied);
-    arrays.push_back(AsBytes(bricks.ids));
+    arrays.push_back(ArrayBytes(bricks.ids));
     arrays.push_back(std::move(bricks.masks));
     listed = std::move(bricks.voxels);
   } else {

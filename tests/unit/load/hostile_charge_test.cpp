@@ -20,8 +20,6 @@ namespace {
 
 using namespace testing;
 
-constexpr uint64_t kMiB = 1 << 20;
-
 // File to flat mesh with all of its textures, posed if there is something to pose.
 absl::Status LoadAll(const JobContext& job, const ByteVector& file) {
   absl::StatusOr<Scene> scene = LoadSceneFor(job, file);

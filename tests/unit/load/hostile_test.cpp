@@ -20,10 +20,8 @@ namespace {
 using namespace testing;
 using std::chrono::milliseconds;
 
-constexpr uint64_t kMiB = 1 << 20;
-
 // File to flat mesh with all of its textures.
-absl::Status LoadAll(const JobContext& job, const ByteVector& file) {
+absl::Status LoadTextured(const JobContext& job, const ByteVector& file) {
   const absl::StatusOr<Scene> scene = LoadSceneFor(job, file);
   if (!scene.ok()) return scene.status();
   absl::StatusOr<TriangleMesh> mesh = FlattenFor(job, *scene, {});
@@ -40,7 +38,7 @@ Outcome LoadWithin(uint64_t limit_bytes, const ByteVector& file) {
   MemoryBudget memory(limit_bytes);
   JobContext job;
   job.set_memory(&memory);
-  Outcome outcome{LoadAll(job, file), 0};
+  Outcome outcome{LoadTextured(job, file), 0};
   outcome.peak_bytes = memory.peak_bytes();
   EXPECT_EQ(memory.used_bytes(), 0u) << "all is given back";
   return outcome;
@@ -92,7 +90,7 @@ void ExpectPromptCancel(const ByteVector& file) {
       cancelled = std::chrono::steady_clock::now();
       job.Cancel();
     });
-    const absl::Status status = LoadAll(job, file);
+    const absl::Status status = LoadTextured(job, file);
     const auto end = std::chrono::steady_clock::now();
     canceller.join();
     if (status.code() != absl::StatusCode::kCancelled) continue;  // it was done before

@@ -12,13 +12,6 @@ namespace {
 
 using namespace testing;
 
-template <typename T>
-T Read(const HostBuffer& buffer, uint64_t index) {
-  T value;
-  std::memcpy(&value, buffer.data() + index * sizeof(T), sizeof(T));
-  return value;
-}
-
 // Voxel -> ids of the triangles that touch it, ascending.
 std::map<uint64_t, std::vector<uint32_t>> Lists(const TriangleMesh& mesh, const std::array<int64_t, 3>& dims,
                                                 Coverage coverage) {
@@ -67,23 +60,23 @@ TEST(Buckets, ListEveryFragmentByTriangleId) {
         ASSERT_EQ(result.stats.fragments, result.listed_fragments());
         uint64_t i = 0, at = 0;
         for (const auto& [voxel, ids] : lists) {
-          ASSERT_EQ(Read<uint64_t>(result.voxels, i), voxel);
-          ASSERT_EQ(Read<uint64_t>(result.offsets, i), at);
+          ASSERT_EQ(ValueAt<uint64_t>(result.voxels, i), voxel);
+          ASSERT_EQ(ValueAt<uint64_t>(result.offsets, i), at);
           for (const uint32_t id : ids) {
-            ASSERT_EQ(Read<uint32_t>(result.triangles, at), id);
-            ASSERT_EQ(Read<uint32_t>(result.targets[2], at), id);
+            ASSERT_EQ(ValueAt<uint32_t>(result.triangles, at), id);
+            ASSERT_EQ(ValueAt<uint32_t>(result.targets[2], at), id);
             ASSERT_TRUE(BitAt(result.targets[0], at));
             const auto& v = soup.triangles[id];
             const Vec3f b = Barycentrics(SetUpPlane(soup.positions[v[0]], soup.positions[v[1]], soup.positions[v[2]]),
                                          int64_t(voxel) % dims[0], int64_t(voxel) / dims[0] % dims[1],
                                          int64_t(voxel) / dims[0] / dims[1]);
-            ASSERT_EQ(Read<float>(result.targets[1], at * 3), b.x);
-            ASSERT_EQ(Read<float>(result.targets[1], at * 3 + 2), b.z);
+            ASSERT_EQ(ValueAt<float>(result.targets[1], at * 3), b.x);
+            ASSERT_EQ(ValueAt<float>(result.targets[1], at * 3 + 2), b.z);
             ++at;
           }
           ++i;
         }
-        ASSERT_EQ(Read<uint64_t>(result.offsets, i), at);
+        ASSERT_EQ(ValueAt<uint64_t>(result.offsets, i), at);
         ASSERT_EQ(result.listed_fragments(), at);
       }
     }
@@ -101,8 +94,8 @@ TEST(Buckets, AreAsLongAsCountSays) {
   const VoxelizeResult dense = RunPipeline(mesh, request);
   uint64_t listed = 0;
   for (uint64_t i = 0; i < buckets.listed_voxels(); ++i) {
-    const uint64_t length = Read<uint64_t>(buckets.offsets, i + 1) - Read<uint64_t>(buckets.offsets, i);
-    ASSERT_EQ(length, Read<uint32_t>(dense.targets[0], Read<uint64_t>(buckets.voxels, i)));
+    const uint64_t length = ValueAt<uint64_t>(buckets.offsets, i + 1) - ValueAt<uint64_t>(buckets.offsets, i);
+    ASSERT_EQ(length, ValueAt<uint32_t>(dense.targets[0], ValueAt<uint64_t>(buckets.voxels, i)));
     listed += length;
   }
   EXPECT_EQ(buckets.listed_voxels(), dense.stats.occupied);
@@ -138,7 +131,7 @@ TEST(Buckets, OfNothingHaveOneOffset) {
   const VoxelizeResult nothing = RunSlabs(MakeMesh({}, {}), Buckets({4, 4, 4}, Coverage::kThin), 0);
   EXPECT_EQ(nothing.listed_voxels(), 0u);
   ASSERT_EQ(nothing.offsets.size(), 8u);
-  EXPECT_EQ(Read<uint64_t>(nothing.offsets, 0), 0u);
+  EXPECT_EQ(ValueAt<uint64_t>(nothing.offsets, 0), 0u);
 }
 
 // Beyond 2^32 voxels, and every triangle in one voxel.
@@ -147,10 +140,10 @@ TEST(Buckets, NumberVoxelsBeyond32BitsAndHoldDeepOnes) {
   mesh.triangles.assign(5000, {0, 1, 2});
   const VoxelizeResult deep = RunSlabs(mesh, Buckets({4096, 4096, 4096}, Coverage::kThin), 64);
   ASSERT_EQ(deep.listed_voxels(), 1u);
-  EXPECT_EQ(Read<uint64_t>(deep.voxels, 0), 4090ull + 4096ull * (4090ull + 4096ull * 4090ull));
+  EXPECT_EQ(ValueAt<uint64_t>(deep.voxels, 0), 4090ull + 4096ull * (4090ull + 4096ull * 4090ull));
   EXPECT_EQ(deep.listed_fragments(), 5000u);
-  EXPECT_EQ(Read<uint64_t>(deep.offsets, 1), 5000u);
-  EXPECT_EQ(Read<uint32_t>(deep.triangles, 4999), 4999u);
+  EXPECT_EQ(ValueAt<uint64_t>(deep.offsets, 1), 5000u);
+  EXPECT_EQ(ValueAt<uint32_t>(deep.triangles, 4999), 4999u);
 }
 
 // Predicted were the voxels of the whole triangles, so that small grids were refused for lack of memory.

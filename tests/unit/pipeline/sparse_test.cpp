@@ -10,27 +10,14 @@ namespace {
 
 using namespace testing;
 
-template <typename T>
-T Read(const HostBuffer& buffer, uint64_t index) {
-  T value;
-  std::memcpy(&value, buffer.data() + index * sizeof(T), sizeof(T));
-  return value;
-}
-
 // Element `index` of a target's array, as the bits that are stored.
 uint32_t Stored(const HostBuffer& array, VoxelFormat format, uint64_t index) {
   switch (BitsPerComponent(format)) {
     case 1: return BitAt(array, index);
-    case 8: return Read<uint8_t>(array, index);
-    case 16: return Read<uint16_t>(array, index);
-    default: return Read<uint32_t>(array, index);
+    case 8: return ValueAt<uint8_t>(array, index);
+    case 16: return ValueAt<uint16_t>(array, index);
+    default: return ValueAt<uint32_t>(array, index);
   }
-}
-
-TargetSpec Target(VoxelFormat format, int components, Blend blend, ShaderCall shader) {
-  TargetSpec target = FloatTarget(components, blend, std::move(shader));
-  target.format = format;
-  return target;
 }
 
 // Walks the bricks and holds every listed value against the dense result; the voxels not listed must not be occupied.
@@ -49,7 +36,7 @@ void ExpectDenseValues(const TriangleMesh& mesh, VoxelizeRequest request, const 
   const int64_t bx = (dims[0] + 7) / 8, by = (dims[1] + 7) / 8;
   uint64_t n = 0, last = 0;
   for (uint64_t b = 0; b < sparse.listed_bricks(); ++b) {
-    const auto id = Read<uint64_t>(sparse.bricks, b);
+    const auto id = ValueAt<uint64_t>(sparse.bricks, b);
     ASSERT_TRUE(b == 0 || id > last) << "ascending";
     last = id;
     uint64_t in_brick = 0;
@@ -86,12 +73,12 @@ VoxelizeRequest Mixed(const std::array<int64_t, 3>& dims, Fill fill, Layout layo
   request.grid = UnitGrid(dims[0], dims[1], dims[2]);
   request.fill = fill;
   request.layout = layout;
-  request.targets = {Target(VoxelFormat::kBit, 1, Blend::kAnd, {"checker", {}}),
-                     Target(VoxelFormat::kF32, 3, Blend::kMax, {"geometric_normal", {}}),
-                     Target(VoxelFormat::kU16, 1, Blend::kMin, {"packed_normal", {}}),
+  request.targets = {TargetOf(VoxelFormat::kBit, 1, Blend::kAnd, {"checker", {}}),
+                     TargetOf(VoxelFormat::kF32, 3, Blend::kMax, {"geometric_normal", {}}),
+                     TargetOf(VoxelFormat::kU16, 1, Blend::kMin, {"packed_normal", {}}),
                      TargetSpec{},
-                     Target(VoxelFormat::kF16, 4, Blend::kAdd, {"barycentric", {}}),
-                     Target(VoxelFormat::kU8, 2, Blend::kCount, {"triangle_id", {}})};
+                     TargetOf(VoxelFormat::kF16, 4, Blend::kAdd, {"barycentric", {}}),
+                     TargetOf(VoxelFormat::kU8, 2, Blend::kCount, {"triangle_id", {}})};
   request.targets[1].clear = -3;
   request.targets[1].fill_values = {0.25};
   return request;

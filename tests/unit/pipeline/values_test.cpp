@@ -22,12 +22,6 @@ const VoxelFormat kFormats[] = {VoxelFormat::kBit, VoxelFormat::kU8,  VoxelForma
 const Blend kBlends[] = {Blend::kOr,    Blend::kReplace, Blend::kMin,   Blend::kMax, Blend::kAdd,
                          Blend::kFirst, Blend::kAverage, Blend::kCount, Blend::kAnd};
 
-TargetSpec Target(VoxelFormat format, int components, Blend blend, ShaderCall shader) {
-  TargetSpec target = FloatTarget(components, blend, std::move(shader));
-  target.format = format;
-  return target;
-}
-
 // Every format with every blend it has and 1 to 4 components, the shaders taking turns.
 std::vector<TargetSpec> EveryTarget(const std::vector<ShaderCall>& shaders) {
   std::vector<TargetSpec> targets;
@@ -35,7 +29,7 @@ std::vector<TargetSpec> EveryTarget(const std::vector<ShaderCall>& shaders) {
     for (const Blend blend : kBlends) {
       if (!CheckBlend(format, blend).ok()) continue;
       for (int components = 1; components <= (format == VoxelFormat::kBit ? 1 : 4); ++components) {
-        TargetSpec target = Target(format, components, blend, shaders[targets.size() % shaders.size()]);
+        TargetSpec target = TargetOf(format, components, blend, shaders[targets.size() % shaders.size()]);
         target.clear = double(targets.size() % 5) * 77.5 - 60;
         if (targets.size() % 5 < 3) target.fill_values = {double(targets.size() % 7) * 40.5};
         if (targets.size() % 5 == 3) target.fill_values.assign(size_t(components), 2.5);
@@ -113,10 +107,10 @@ TEST_P(ValuesTest, OfShadersThatDiscard) {
   // Alone, so that discarded fragments do not happen at all; and beside one that keeps them all.
   for (const VoxelFormat format : kFormats) {
     VoxelizeRequest request = Request(GetParam(), Coverage::kThin, Layout::kInterleaved);
-    request.targets = {Target(format, 1, Blend::kFirst, {"base_color", {}})};
+    request.targets = {TargetOf(format, 1, Blend::kFirst, {"base_color", {}})};
     request.targets[0].clear = 3;
     ASSERT_NO_FATAL_FAILURE(ExpectReference(soup, request));
-    request.targets.push_back(Target(VoxelFormat::kU32, 1, Blend::kCount, {"occupancy", {}}));
+    request.targets.push_back(TargetOf(VoxelFormat::kU32, 1, Blend::kCount, {"occupancy", {}}));
     ASSERT_NO_FATAL_FAILURE(ExpectReference(soup, request));
   }
 }
@@ -153,7 +147,7 @@ TEST(Values, OfFillsAndClears) {
       request.targets.clear();
       for (int i = 0; i < 6; ++i) {
         request.targets.push_back(
-            Target(format, format == VoxelFormat::kBit ? 1 : 2, Blend::kReplace, {"triangle_id", {}}));
+            TargetOf(format, format == VoxelFormat::kBit ? 1 : 2, Blend::kReplace, {"triangle_id", {}}));
         request.targets.back().clear = numbers[at++ % std::size(numbers)];
         request.targets.back().fill_values = {numbers[at++ % std::size(numbers)]};
         if (at % std::size(numbers) == 0) ++at;
@@ -170,8 +164,8 @@ TEST(Values, ReplaceKeepsTheLargestIdAndFirstTheSmallest) {
   const TriangleMesh soup = Soup(240, 20, 12);
   for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin, Coverage::kCenter}) {
     VoxelizeRequest request = Request(ResultKind::kDense, coverage, Layout::kInterleaved);
-    request.targets = {Target(VoxelFormat::kU32, 1, Blend::kReplace, {"triangle_id", {}}),
-                       Target(VoxelFormat::kU32, 1, Blend::kFirst, {"triangle_id", {}})};
+    request.targets = {TargetOf(VoxelFormat::kU32, 1, Blend::kReplace, {"triangle_id", {}}),
+                       TargetOf(VoxelFormat::kU32, 1, Blend::kFirst, {"triangle_id", {}})};
     request.targets[0].clear = request.targets[1].clear = 99999;
     const VoxelizeResult result = RunPipeline(soup, request);
     const auto lists = FragmentLists(soup, kDims, coverage);
@@ -186,7 +180,7 @@ TEST(Values, CountIsTheLengthOfTheBucket) {
   const TriangleMesh soup = Soup(240, 20, 13);
   for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
     VoxelizeRequest request = Request(ResultKind::kDense, coverage, Layout::kInterleaved);
-    request.targets = {Target(VoxelFormat::kU32, 1, Blend::kCount, {"constant", {{"value", {0}}}})};
+    request.targets = {TargetOf(VoxelFormat::kU32, 1, Blend::kCount, {"constant", {{"value", {0}}}})};
     const VoxelizeResult counts = RunPipeline(soup, request);
     request.result = ResultKind::kBuckets;
     const VoxelizeResult buckets = RunPipeline(soup, request);
@@ -214,24 +208,24 @@ uint32_t OneVoxel(const TargetSpec& target, float red, int copies) {
 }
 
 TEST(Values, ColoursFillTheRangeOf8And16Bits) {
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU8, 1, Blend::kMax, {"color", {}}), 1, 1), 255u);
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU16, 1, Blend::kMax, {"color", {}}), 1, 1), 65535u);
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU32, 1, Blend::kMax, {"color", {}}), 1, 1), 1u);
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU8, 1, Blend::kMax, {"constant", {{"value", {1}}}}), 1, 1), 1u);
-  TargetSpec scaled = Target(VoxelFormat::kU8, 1, Blend::kMax, {"color", {}});
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU8, 1, Blend::kMax, {"color", {}}), 1, 1), 255u);
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU16, 1, Blend::kMax, {"color", {}}), 1, 1), 65535u);
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU32, 1, Blend::kMax, {"color", {}}), 1, 1), 1u);
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU8, 1, Blend::kMax, {"constant", {{"value", {1}}}}), 1, 1), 1u);
+  TargetSpec scaled = TargetOf(VoxelFormat::kU8, 1, Blend::kMax, {"color", {}});
   scaled.scale = 10;
   EXPECT_EQ(OneVoxel(scaled, 0.25f, 1), 2u);  // 2.5
 }
 
 TEST(Values, SumsSaturateOnceAndAveragesNever) {
   const ShaderCall color{"color", {}};
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU8, 1, Blend::kAdd, color), 1, 300), 255u);
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU16, 1, Blend::kAdd, color), 1, 300), 65535u);
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU8, 1, Blend::kCount, color), 1, 300), 255u);
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU16, 1, Blend::kCount, color), 1, 300), 300u);
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU8, 1, Blend::kAverage, color), 0.5f, 300), 128u);  // 127.5 a fragment
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU32, 1, Blend::kAdd, color), 4e9f, 3), UINT32_MAX);
-  EXPECT_EQ(OneVoxel(Target(VoxelFormat::kU32, 1, Blend::kAverage, color), 4e9f, 3), 4000000000u);
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU8, 1, Blend::kAdd, color), 1, 300), 255u);
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU16, 1, Blend::kAdd, color), 1, 300), 65535u);
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU8, 1, Blend::kCount, color), 1, 300), 255u);
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU16, 1, Blend::kCount, color), 1, 300), 300u);
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU8, 1, Blend::kAverage, color), 0.5f, 300), 128u);  // 127.5 a fragment
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU32, 1, Blend::kAdd, color), 4e9f, 3), UINT32_MAX);
+  EXPECT_EQ(OneVoxel(TargetOf(VoxelFormat::kU32, 1, Blend::kAverage, color), 4e9f, 3), 4000000000u);
 }
 
 TEST(Values, NanIsZeroInEveryFormat) {
@@ -239,7 +233,7 @@ TEST(Values, NanIsZeroInEveryFormat) {
   for (const VoxelFormat format : kFormats) {
     for (const Blend blend : kBlends) {
       if (!CheckBlend(format, blend).ok() || blend == Blend::kCount) continue;
-      EXPECT_EQ(OneVoxel(Target(format, 1, blend, {"color", {}}), nan, 3), 0u) << Name(format) << " " << Name(blend);
+      EXPECT_EQ(OneVoxel(TargetOf(format, 1, blend, {"color", {}}), nan, 3), 0u) << Name(format) << " " << Name(blend);
     }
   }
 }
@@ -248,7 +242,7 @@ TEST(Values, RefuseNumbersThatNoFormatHolds) {
   for (const double bad : {double(INFINITY), -double(INFINITY), double(NAN)}) {
     for (const bool clear : {true, false}) {
       VoxelizeRequest request = Request(ResultKind::kDense, Coverage::kThin, Layout::kInterleaved);
-      request.targets = {TargetSpec{}, Target(VoxelFormat::kF32, 1, Blend::kMax, {"constant", {}})};
+      request.targets = {TargetSpec{}, TargetOf(VoxelFormat::kF32, 1, Blend::kMax, {"constant", {}})};
       clear ? void(request.targets[1].clear = bad) : void(request.targets[1].fill_values = {bad});
       const absl::Status s = RunError(Cube(4), request);
       EXPECT_EQ(s.code(), absl::StatusCode::kInvalidArgument);

@@ -10,11 +10,11 @@ namespace voxelpipe {
 namespace {
 
 // Two by two: black, white / red, blue, all opaque.
-constexpr uint8_t kTexels[16] = {0, 0, 0, 255, 255, 255, 255, 255, 255, 0, 0, 255, 0, 0, 255, 255};
+constexpr uint8_t kTwoByTwo[16] = {0, 0, 0, 255, 255, 255, 255, 255, 255, 0, 0, 255, 0, 0, 255, 255};
 
 TextureView View(uint8_t wrap, bool nearest) {
   TextureView t;
-  t.rgba = kTexels;
+  t.rgba = kTwoByTwo;
   t.width = t.height = 2;
   t.wrap_s = t.wrap_t = wrap;
   t.nearest = nearest;

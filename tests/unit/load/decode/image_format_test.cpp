@@ -66,11 +66,11 @@ std::string NameOf(std::vector<uint8_t> bytes) {
   return kind.format == ImageFormat::kNone ? kind.name : "";
 }
 
-std::vector<uint8_t> Bytes(const std::string& text) {
+std::vector<uint8_t> TextBytes(const std::string& text) {
   return {text.begin(), text.end()};
 }
 
-Image Of(std::vector<uint8_t> encoded) {
+Image Picture(std::vector<uint8_t> encoded) {
   Image image;
   image.name = "picture";
   image.encoded = std::move(encoded);
@@ -78,16 +78,16 @@ Image Of(std::vector<uint8_t> encoded) {
 }
 
 TEST(ImageFormat, WhatIsNotDecodedHasAName) {
-  EXPECT_EQ(NameOf(Bytes("\xabKTX 20\xbb\r\n\x1a\n")), "KTX2");
-  EXPECT_EQ(NameOf(Bytes(std::string("\0\0\0\x1c", 4) + "ftypavif")), "AVIF");
-  EXPECT_EQ(NameOf(Bytes("DDS |")), "DDS");
-  EXPECT_EQ(NameOf(Bytes("bad")), "an unknown format");
+  EXPECT_EQ(NameOf(TextBytes("\xabKTX 20\xbb\r\n\x1a\n")), "KTX2");
+  EXPECT_EQ(NameOf(TextBytes(std::string("\0\0\0\x1c", 4) + "ftypavif")), "AVIF");
+  EXPECT_EQ(NameOf(TextBytes("DDS |")), "DDS");
+  EXPECT_EQ(NameOf(TextBytes("bad")), "an unknown format");
   EXPECT_EQ(NameOf({}), "an unknown format");
   EXPECT_EQ(NameOf(Jpeg(4, JCS_CMYK)), "CMYK JPEG");
   EXPECT_EQ(NameOf(Jpeg(3, JCS_RGB)), "");
   EXPECT_EQ(NameOf(Jpeg(1, JCS_GRAYSCALE)), "");
   EXPECT_EQ(NameOf(Webp(3, 2, true)), "");
-  std::vector<uint8_t> animated = Bytes(std::string("RIFF\x1e\0\0\0WEBPVP8X\x0a\0\0\0\x02\0\0\0\0\0\0\0\0\0", 30));
+  std::vector<uint8_t> animated = TextBytes(std::string("RIFF\x1e\0\0\0WEBPVP8X\x0a\0\0\0\x02\0\0\0\0\0\0\0\0\0", 30));
   EXPECT_EQ(NameOf(animated), "animated WebP");
   std::vector<uint8_t> deep = Jpeg(3, JCS_RGB);
   for (size_t i = 2; i + 4 < deep.size(); ++i) {
@@ -102,7 +102,7 @@ TEST(ImageFormat, WhatIsNotDecodedHasAName) {
 }
 
 TEST(ImageFormat, NoPrefixIsReadPastItsEnd) {
-  for (const std::vector<uint8_t>& whole : {Jpeg(4, JCS_CMYK), Webp(3, 2, false), Bytes("\xabKTX 20\xbb\r\n")}) {
+  for (const std::vector<uint8_t>& whole : {Jpeg(4, JCS_CMYK), Webp(3, 2, false), TextBytes("\xabKTX 20\xbb\r\n")}) {
     for (size_t n = 0; n <= whole.size(); ++n) {
       const std::vector<uint8_t> prefix(whole.begin(), whole.begin() + long(n));  // its own allocation, for sanitizers
       (void)KindOfImage(prefix);
@@ -112,7 +112,7 @@ TEST(ImageFormat, NoPrefixIsReadPastItsEnd) {
 
 TEST(ImageFormat, WebpLosslessAndLossy) {
   for (const bool lossless : {true, false}) {
-    Image image = Of(Webp(33, 17, lossless));
+    Image image = Picture(Webp(33, 17, lossless));
     ASSERT_TRUE(DecodeImage({}, image, {}).ok());
     EXPECT_EQ(image.width, 33u);
     EXPECT_EQ(image.height, 17u);
@@ -130,7 +130,7 @@ TEST(ImageFormat, WebpLosslessAndLossy) {
 TEST(ImageFormat, BrokenWebpIsNamedAndLeavesNothing) {
   const std::vector<uint8_t> whole = Webp(16, 16, true);
   for (const size_t n : {size_t{12}, size_t{20}, whole.size() / 2, whole.size() - 2}) {
-    Image image = Of({whole.begin(), whole.begin() + long(n)});
+    Image image = Picture({whole.begin(), whole.begin() + long(n)});
     const absl::Status status = DecodeImage({}, image, {});
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << n;
     EXPECT_THAT(std::string(status.message()), HasSubstr("image 'picture': broken WebP"));
@@ -138,7 +138,7 @@ TEST(ImageFormat, BrokenWebpIsNamedAndLeavesNothing) {
   }
   LoadLimits limits;
   limits.max_image_pixels = 255;
-  Image image = Of(whole);
+  Image image = Picture(whole);
   EXPECT_EQ(DecodeImage({}, image, limits).code(), absl::StatusCode::kResourceExhausted) << "before it is decoded";
 }
 

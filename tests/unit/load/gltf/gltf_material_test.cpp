@@ -16,16 +16,12 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 
-GlbBuilder Triangle() {
+GlbBuilder OneTriangle() {
   GlbBuilder builder;
   json primitive = builder.Primitive({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}});
   primitive["material"] = 0;
   builder.Scene({builder.Node({{"mesh", builder.Mesh(primitive)}})});
   return builder;
-}
-
-absl::StatusOr<Scene> Load(const GlbBuilder& builder) {
-  return LoadScene(builder.Glb());
 }
 
 TEST(GltfMaterial, FiltersFollowTheSampler) {
@@ -39,14 +35,14 @@ TEST(GltfMaterial, FiltersFollowTheSampler) {
                         {9729, 9984, false, true, MipFilter::kNearest}, {9728, 9985, true, false, MipFilter::kNearest},
                         {9729, 9986, false, true, MipFilter::kLinear},  {9728, 9987, true, false, MipFilter::kLinear}};
   for (const Case& c : cases) {
-    GlbBuilder builder = Triangle();
+    GlbBuilder builder = OneTriangle();
     builder.doc["images"] = {{{"bufferView", 0}}};
     json sampler = json::object();
     if (c.mag != 0) sampler["magFilter"] = c.mag;
     if (c.min != 0) sampler["minFilter"] = c.min;
     builder.doc["samplers"] = json::array({sampler});
     builder.doc["textures"] = {{{"source", 0}, {"sampler", 0}}};
-    const absl::StatusOr<Scene> scene = Load(builder);
+    const absl::StatusOr<Scene> scene = LoadScene(builder.Glb());
     ASSERT_TRUE(scene.ok()) << scene.status();
     ASSERT_THAT(scene->textures, SizeIs(1));
     const Texture& texture = scene->textures[0];
@@ -57,18 +53,18 @@ TEST(GltfMaterial, FiltersFollowTheSampler) {
 }
 
 TEST(GltfMaterial, EmissiveStrengthIsRead) {
-  GlbBuilder builder = Triangle();
+  GlbBuilder builder = OneTriangle();
   json material = {{"emissiveFactor", {1, 0.5, 0}}};
   material["extensions"]["KHR_materials_emissive_strength"] = {{"emissiveStrength", 6.5}};
   builder.doc["materials"] = {material, json::object()};
-  const absl::StatusOr<Scene> scene = Load(builder);
+  const absl::StatusOr<Scene> scene = LoadScene(builder.Glb());
   ASSERT_TRUE(scene.ok()) << scene.status();
   EXPECT_EQ(scene->materials[0].emissive_strength, 6.5f);
   EXPECT_EQ(scene->materials[1].emissive_strength, 1);
 }
 
 TEST(GltfMaterial, FactorsModesAndTextureReferences) {
-  GlbBuilder builder = Triangle();
+  GlbBuilder builder = OneTriangle();
   builder.doc["images"] = {{{"bufferView", builder.View({1, 2, 3})}, {"mimeType", "image/png"}, {"name", "wood"}}};
   builder.doc["samplers"] = {{{"magFilter", 9728}, {"wrapS", 33071}, {"wrapT", 33648}}};
   builder.doc["textures"] = {{{"source", 0}, {"sampler", 0}}, {{"source", 0}}};
@@ -85,7 +81,7 @@ TEST(GltfMaterial, FactorsModesAndTextureReferences) {
                                {"alphaMode", "MASK"},
                                {"alphaCutoff", 0.75},
                                {"doubleSided", true}}};
-  const absl::StatusOr<Scene> scene = Load(builder);
+  const absl::StatusOr<Scene> scene = LoadScene(builder.Glb());
   ASSERT_TRUE(scene.ok()) << scene.status();
   EXPECT_EQ(scene->meshes[0].primitives[0].material, 0);
   ASSERT_THAT(scene->materials, SizeIs(1));
@@ -114,12 +110,12 @@ TEST(GltfMaterial, FactorsModesAndTextureReferences) {
 }
 
 TEST(GltfMaterial, ImagesInDataUrisAndOutsideTheDocument) {
-  GlbBuilder builder = Triangle();
+  GlbBuilder builder = OneTriangle();
   builder.doc["images"] = {
       {{"uri", "data:image/png;base64,AQID"}}, {{"uri", "wood.png"}}, {{"uri", "data:image/png;base64,&&&&"}}};
   builder.doc["textures"] = {{{"source", 0}}, {{"source", 1}}, {{"source", 2}}};
   builder.doc["materials"] = {{{"pbrMetallicRoughness", {{"baseColorTexture", {{"index", 1}}}}}}};
-  const absl::StatusOr<Scene> scene = Load(builder);
+  const absl::StatusOr<Scene> scene = LoadScene(builder.Glb());
   ASSERT_TRUE(scene.ok()) << scene.status();
   EXPECT_EQ(scene->images[0]->encoded, (ByteVector{1, 2, 3}));
   EXPECT_EQ(scene->images[0]->mime_type, "image/png");
@@ -135,14 +131,14 @@ TEST(GltfMaterial, ImagesInDataUrisAndOutsideTheDocument) {
 }
 
 TEST(GltfMaterial, DiffuseOfSpecularGlossinessServesAsBaseColour) {
-  GlbBuilder builder = Triangle();
+  GlbBuilder builder = OneTriangle();
   builder.doc["images"] = {{{"uri", "data:image/png;base64,AQID"}}};
   builder.doc["textures"] = {{{"source", 0}}};
   json material = json::object();
   material["extensions"]["KHR_materials_pbrSpecularGlossiness"] = {{"diffuseFactor", {0.5, 0.5, 0.25, 1}},
                                                                    {"diffuseTexture", {{"index", 0}, {"texCoord", 1}}}};
   builder.doc["materials"] = json::array({material});
-  const absl::StatusOr<Scene> scene = Load(builder);
+  const absl::StatusOr<Scene> scene = LoadScene(builder.Glb());
   ASSERT_TRUE(scene.ok()) << scene.status();
   EXPECT_EQ(scene->materials[0].base_color_factor, (Vec4f{0.5f, 0.5f, 0.25f, 1}));
   EXPECT_EQ(scene->materials[0].base_color.texture, 0);
@@ -187,7 +183,7 @@ TEST(GltfMaterial, WrongTypesNeverCostTheGeometry) {
       "/images/0/mimeType"};
   for (const char* path : paths) {
     for (const json& value : wrong) {
-      GlbBuilder builder = Triangle();
+      GlbBuilder builder = OneTriangle();
       builder.doc["images"] = {{{"bufferView", 0}}};
       builder.doc["samplers"] = json::array({json::object()});
       builder.doc["textures"] = {{{"source", 0}, {"sampler", 0}}};
@@ -195,7 +191,7 @@ TEST(GltfMaterial, WrongTypesNeverCostTheGeometry) {
       base_color["extensions"]["KHR_texture_transform"] = {{"offset", {0, 0}}};
       builder.doc["materials"] = {{{"pbrMetallicRoughness", {{"baseColorTexture", base_color}}}}};
       builder.doc[json::json_pointer(path)] = value;
-      const absl::StatusOr<Scene> scene = Load(builder);
+      const absl::StatusOr<Scene> scene = LoadScene(builder.Glb());
       ASSERT_TRUE(scene.ok()) << path << " = " << value << ": " << scene.status();
       ASSERT_THAT(scene->meshes[0].primitives[0].triangles, SizeIs(1));
       for (const Texture& texture : scene->textures) EXPECT_LT(texture.image, static_cast<int>(scene->images.size()));

@@ -37,7 +37,7 @@ Surface Measure(const TriangleMesh& mesh, const VoxelizeRequest& request) {
   return *surface;
 }
 
-VoxelizeRequest Buckets(GridRequest grid, Coverage coverage = Coverage::kConservative) {
+VoxelizeRequest BucketRequest(GridRequest grid, Coverage coverage = Coverage::kConservative) {
   VoxelizeRequest request;
   request.grid = std::move(grid);
   request.result = ResultKind::kBuckets;
@@ -68,7 +68,8 @@ TEST(SurfaceTest, APointOnAVoxelCornerIsEightFragments) {
     for (int k = 0; k < 3; ++k) positions.push_back({5, 9, 7});
     triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
   }
-  const Surface surface = Measure(MakeMesh(std::move(positions), std::move(triangles)), Buckets(UnitGrid(20, 20, 20)));
+  const Surface surface =
+      Measure(MakeMesh(std::move(positions), std::move(triangles)), BucketRequest(UnitGrid(20, 20, 20)));
   EXPECT_DOUBLE_EQ(surface.fragments, 160000);
   EXPECT_LE(surface.voxels, 512 * surface.bricks);
 }
@@ -83,16 +84,16 @@ TEST(SurfaceTest, FacesBetweenVoxelsCountForBothSides) {
     triangles.push_back({v, v + 1, v + 2});
   }
   const TriangleMesh mesh = MakeMesh(std::move(positions), std::move(triangles));
-  ExpectNear(mesh, Buckets(UnitGrid(48, 48, 48)), 0.15, "faces on the lattice's planes");
+  ExpectNear(mesh, BucketRequest(UnitGrid(48, 48, 48)), 0.15, "faces on the lattice's planes");
 }
 
 TEST(SurfaceTest, SmoothAndRoughMeshesUnderBothCoverages) {
   for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
     GridRequest grid;
     grid.resolution = 150;
-    ExpectNear(testing::Torus(120), Buckets(grid, coverage), 0.15, "torus");
-    ExpectNear(testing::BumpySphere(40, 3), Buckets(grid, coverage), 0.15, "bumpy sphere");
-    ExpectNear(testing::Soup(4000, 60, 5), Buckets(UnitGrid(60, 60, 60), coverage), 0.25, "soup");
+    ExpectNear(testing::Torus(120), BucketRequest(grid, coverage), 0.15, "torus");
+    ExpectNear(testing::BumpySphere(40, 3), BucketRequest(grid, coverage), 0.15, "bumpy sphere");
+    ExpectNear(testing::Soup(4000, 60, 5), BucketRequest(UnitGrid(60, 60, 60), coverage), 0.25, "soup");
   }
 }
 
@@ -103,7 +104,7 @@ TEST(SurfaceTest, ASurfaceThatLiesInItselfCoversItsVoxelsOnce) {
   mesh.parts[0].triangle_count = mesh.triangles.size();
   GridRequest grid;
   grid.resolution = 200;
-  ExpectNear(mesh, Buckets(grid), 0.15, "ten in one");
+  ExpectNear(mesh, BucketRequest(grid), 0.15, "ten in one");
 }
 
 TEST(SurfaceTest, TrianglesAreClippedToTheGrid) {
@@ -116,7 +117,7 @@ TEST(SurfaceTest, TrianglesAreClippedToTheGrid) {
     for (const Vec3d& d : {Vec3d{0, 0, 0}, Vec3d{3, 0, 1}, Vec3d{0, 3, 2}}) positions.push_back(Vec3d{x, 5, 5} + d);
     triangles.push_back({v, v + 1, v + 2});
   }
-  const VoxelizeRequest request = Buckets(UnitGrid(64, 64, 64));
+  const VoxelizeRequest request = BucketRequest(UnitGrid(64, 64, 64));
   const Surface surface = Measure(MakeMesh(std::move(positions), std::move(triangles)), request);
   EXPECT_NEAR(surface.fragments, 64 * 64, 0.1 * 64 * 64);
 }
@@ -147,7 +148,7 @@ TEST(SurfaceTest, LayersThatHaveMostDecideWhatASlabTakes) {
     for (const Vec3d& d : {Vec3d{0, 0, 0}, Vec3d{1, 0, 0}, Vec3d{0, 1, 0}}) positions.push_back(p + d);
     triangles.push_back({v, v + 1, v + 2});
   }
-  const VoxelizeRequest request = Buckets(UnitGrid(64, 64, 400));
+  const VoxelizeRequest request = BucketRequest(UnitGrid(64, 64, 400));
   const GridSpec grid = *FitGrid(request.grid, {});
   const Surface surface = Measure(MakeMesh(std::move(positions), std::move(triangles)), request);
   EXPECT_GT(MostOfSlab(surface, grid, 8).fragments, 0.9 * surface.fragments);
@@ -195,7 +196,8 @@ TEST(SurfaceSumsTest, APointOnAVoxelCornerIsEightFragments) {
     for (int k = 0; k < 3; ++k) positions.push_back({5, 9, 7});
     triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
   }
-  const Surface surface = Estimate(MakeMesh(std::move(positions), std::move(triangles)), Buckets(UnitGrid(20, 20, 20)));
+  const Surface surface =
+      Estimate(MakeMesh(std::move(positions), std::move(triangles)), BucketRequest(UnitGrid(20, 20, 20)));
   EXPECT_DOUBLE_EQ(surface.fragments, 16000);
 }
 
@@ -211,7 +213,7 @@ TEST(SurfaceSumsTest, WhatLiesBeyondTheWindowDoesNotCount) {
     const double at = 100 + double(i);
     add({at, 3, 3}, {at + 9, 3, 4}, {at, 12, 5});
   }
-  const VoxelizeRequest request = Buckets(UnitGrid(64, 64, 64));
+  const VoxelizeRequest request = BucketRequest(UnitGrid(64, 64, 64));
   const Surface none = Estimate(MakeMesh(positions, triangles), request);
   EXPECT_EQ(none.fragments, 0);
   EXPECT_EQ(none.voxels, 0);
@@ -226,7 +228,7 @@ TEST(SurfaceSumsTest, WholeMeshesAreNearWhatTheyTouch) {
     GridRequest grid;
     grid.resolution = 150;
     for (const TriangleMesh& mesh : {testing::Torus(60), testing::BumpySphere(40, 3)}) {
-      const VoxelizeRequest request = Buckets(grid, coverage);
+      const VoxelizeRequest request = BucketRequest(grid, coverage);
       const double fragments = double(RunPipeline(mesh, request).listed_fragments());
       EXPECT_NEAR(Estimate(mesh, request).fragments, fragments, 0.2 * fragments) << Name(coverage);
     }
@@ -250,7 +252,7 @@ TEST(SurfaceSumsTest, FlatVoxelsCountProjectionsInVoxels) {
     grid.dims = {42, 42, 420};
     grid.origin = Vec3d{0, 0, 0};
     grid.voxel_size = Vec3d{1, 1, 0.1};
-    const VoxelizeRequest request = Buckets(grid, coverage);
+    const VoxelizeRequest request = BucketRequest(grid, coverage);
     const double fragments = double(RunPipeline(mesh, request).listed_fragments());
     EXPECT_NEAR(Estimate(mesh, request).fragments, fragments, 0.25 * fragments) << Name(coverage);
   }
@@ -264,7 +266,7 @@ TEST(SurfaceSumsTest, ExtremeUnitsGiveNumbers) {
     GridRequest grid;
     grid.resolution = 64;
     for (const Coverage coverage : {Coverage::kThin, Coverage::kConservative}) {
-      const Surface surface = Estimate(mesh, Buckets(grid, coverage));
+      const Surface surface = Estimate(mesh, BucketRequest(grid, coverage));
       EXPECT_GE(surface.fragments, double(mesh.triangles.size())) << unit;
       EXPECT_LT(surface.fragments, 64.0 * 64 * 64 * double(mesh.triangles.size())) << unit;
     }

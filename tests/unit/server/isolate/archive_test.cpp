@@ -34,19 +34,19 @@ Thing Sample() {
   return thing;
 }
 
-struct Bytes {
+struct Packed {
   std::vector<uint8_t> text, bulk;
 };
 
-Bytes Write(const Thing& thing) {
+Packed Write(const Thing& thing) {
   ArchiveWriter writer;
   ThingFields(writer, thing);
-  Bytes bytes{writer.text(), std::vector<uint8_t>(writer.bulk_bytes())};
+  Packed bytes{writer.text(), std::vector<uint8_t>(writer.bulk_bytes())};
   writer.CopyBulk(bytes.bulk.data());
   return bytes;
 }
 
-absl::Status Read(const Bytes& bytes, Thing& thing) {
+absl::Status Read(const Packed& bytes, Thing& thing) {
   ArchiveReader reader(bytes.text, bytes.bulk);
   ThingFields(reader, thing);
   return reader.Finish();
@@ -54,7 +54,7 @@ absl::Status Read(const Bytes& bytes, Thing& thing) {
 
 TEST(ArchiveTest, WhatIsWrittenIsRead) {
   const Thing thing = Sample();
-  const Bytes bytes = Write(thing);
+  const Packed bytes = Write(thing);
   EXPECT_EQ(bytes.bulk.size(), thing.many.size() * sizeof(Vec3f)) << "large arrays lie apart";
   EXPECT_LT(bytes.text.size(), 200u);
   Thing read;
@@ -88,14 +88,14 @@ TEST(ArchiveTest, ArraysBelowAndAboveTheBoundOfBulk) {
 }
 
 TEST(ArchiveTest, CutBytesAreRefused) {
-  const Bytes bytes = Write(Sample());
+  const Packed bytes = Write(Sample());
   for (size_t n = 0; n < bytes.text.size(); ++n) {
     Thing thing;
     EXPECT_FALSE(Read({{bytes.text.begin(), bytes.text.begin() + ptrdiff_t(n)}, bytes.bulk}, thing).ok()) << n;
   }
   Thing thing;
   EXPECT_FALSE(Read({bytes.text, {bytes.bulk.begin(), bytes.bulk.end() - 1}}, thing).ok());
-  Bytes more = bytes;
+  Packed more = bytes;
   more.text.push_back(0);
   EXPECT_FALSE(Read(more, thing).ok()) << "bytes are left over";
 }

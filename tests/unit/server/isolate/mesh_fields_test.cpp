@@ -16,20 +16,20 @@ namespace {
 using namespace testing;
 using nlohmann::json;
 
-struct Bytes {
+struct Written {
   std::vector<uint8_t> text, bulk;
 };
 
 template <typename T>
-Bytes Write(const T& value) {
+Written Write(const T& value) {
   ArchiveWriter writer;
   Fields(writer, value);
-  Bytes bytes{writer.text(), std::vector<uint8_t>(writer.bulk_bytes())};
+  Written bytes{writer.text(), std::vector<uint8_t>(writer.bulk_bytes())};
   writer.CopyBulk(bytes.bulk.data());
   return bytes;
 }
 
-absl::Status Read(const Bytes& bytes, LoadedMesh& loaded) {
+absl::Status Read(const Written& bytes, LoadedMesh& loaded) {
   ArchiveReader reader(bytes.text, bytes.bulk);
   Fields(reader, loaded);
   absl::Status status = reader.Finish();
@@ -81,7 +81,7 @@ TEST(MeshFieldsTest, AMeshComesBackAsItWas) {
   const TextureUse textures{true, true, true};
   for (const ByteVector& file : {RiggedGlb(), TexturedQuadGlb(), TorusGlb(200, 200), CubeGlb(), ManyOwnAttributes(9)}) {
     const LoadedMesh loaded = Load(file, textures);
-    const Bytes bytes = Write(loaded);
+    const Written bytes = Write(loaded);
     LoadedMesh read;
     const absl::Status status = Read(bytes, read);
     ASSERT_TRUE(status.ok()) << status;
@@ -93,7 +93,7 @@ TEST(MeshFieldsTest, AMeshComesBackAsItWas) {
     EXPECT_EQ(read.mesh.rig == nullptr, loaded.mesh.rig == nullptr);
     EXPECT_EQ(read.contents.file_bytes, file.size());
     // All fields, those of the rig too.
-    const Bytes again = Write(read);
+    const Written again = Write(read);
     EXPECT_EQ(again.text, bytes.text);
     EXPECT_EQ(again.bulk, bytes.bulk);
   }
@@ -106,7 +106,7 @@ TEST(MeshFieldsTest, AMeshComesBackAsItWas) {
 TEST(MeshFieldsTest, ImagesThatAreOneStayOne) {
   const LoadedMesh loaded = Load(LargePngs(64, 4), {true, true, true});
   ASSERT_EQ(loaded.mesh.images.at(3), loaded.mesh.images.at(0));
-  const Bytes bytes = Write(loaded);
+  const Written bytes = Write(loaded);
   LoadedMesh read;
   const absl::Status status = Read(bytes, read);
   ASSERT_TRUE(status.ok()) << status;
@@ -135,9 +135,9 @@ TEST(MeshFieldsTest, ChangedBytesAreRefusedOrHarmless) {
   std::mt19937 random(7);
   int refused = 0;
   for (const ByteVector& file : {RiggedGlb(), TexturedQuadGlb(), ManyOwnAttributes(9)}) {
-    const Bytes bytes = Write(Load(file, {true, true, true}));
+    const Written bytes = Write(Load(file, {true, true, true}));
     for (int round = 0; round < 4000; ++round) {
-      Bytes changed = bytes;
+      Written changed = bytes;
       for (uint32_t n = random() % 3; n < 3; ++n) {
         std::vector<uint8_t>& in = !changed.bulk.empty() && random() % 2 == 0 ? changed.bulk : changed.text;
         const uint8_t values[] = {0, 1, 0x7f, 0x80, 0xff, uint8_t(random())};

@@ -13,7 +13,7 @@ namespace {
 using std::chrono::minutes;
 using Lru = ClaimedLru<int>;
 
-std::shared_ptr<int> Int(int value) {
+std::shared_ptr<int> Number(int value) {
   return std::make_shared<int>(value);
 }
 
@@ -21,7 +21,7 @@ std::shared_ptr<int> Int(int value) {
 class ClaimedLruTest : public ::testing::Test {
  protected:
   bool Insert(const std::string& key, uint64_t bytes, const std::string& client) {
-    return lru_.Insert(key, Int(0), bytes, client).value != nullptr;
+    return lru_.Insert(key, Number(0), bytes, client).value != nullptr;
   }
   bool Has(const std::string& key) { return lru_.Peek(key) != nullptr; }
 
@@ -55,7 +55,7 @@ TEST_F(ClaimedLruTest, WhatHasNoRoomChangesNothingAndSaysHowMuchThereIs) {
   ASSERT_TRUE(Insert("x1", 25, "x"));
   ASSERT_TRUE(Insert("x2", 25, "x"));
   ASSERT_TRUE(Insert("y1", 10, "y"));
-  const Lru::Inserted refused = lru_.Insert("y2", Int(0), 60, "y");
+  const Lru::Inserted refused = lru_.Insert("y2", Number(0), 60, "y");
   EXPECT_EQ(refused.value, nullptr);
   EXPECT_EQ(refused.room, 50u);
   EXPECT_TRUE(Has("x1") && Has("x2") && Has("y1"));
@@ -63,7 +63,7 @@ TEST_F(ClaimedLruTest, WhatHasNoRoomChangesNothingAndSaysHowMuchThereIs) {
   EXPECT_EQ(lru_.stats().evictions, 0u);
   EXPECT_TRUE(Insert("y2", 50, "y")) << "its own older ones make room";
   EXPECT_FALSE(Has("y1"));
-  EXPECT_EQ(lru_.Insert("z", Int(0), 101, "z").room, 100u);
+  EXPECT_EQ(lru_.Insert("z", Number(0), 101, "z").room, 100u);
 }
 
 TEST_F(ClaimedLruTest, WhatNobodyUsedForLongIsNobodysShare) {
@@ -99,7 +99,7 @@ TEST_F(ClaimedLruTest, AClaimTakenBackLeavesTheBytesToTheOther) {
 }
 
 TEST_F(ClaimedLruTest, WhatGrowsPutsOthersOutOrGoesItself) {
-  const auto a = lru_.Insert("a", Int(1), 10, "x").value;
+  const auto a = lru_.Insert("a", Number(1), 10, "x").value;
   ASSERT_TRUE(Insert("b", 45, "y"));
   lru_.Resize("a", a.get(), 55);
   EXPECT_TRUE(Has("a") && Has("b"));
@@ -130,7 +130,7 @@ TEST_F(ClaimedLruTest, WhateverComesTheBytesAddUpAndSharesHold) {
     std::shared_ptr<int> gone;
     switch (random() % 6) {
       case 0:
-      case 1: lru_.Insert(key, Int(0), random() % 40, client); break;
+      case 1: lru_.Insert(key, Number(0), random() % 40, client); break;
       case 2: lru_.Claim(key, client); break;
       case 3: lru_.Use(key); break;
       case 4: lru_.Release(key, client, gone); break;

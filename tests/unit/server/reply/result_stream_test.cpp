@@ -50,13 +50,13 @@ Message Received(grpc::ByteBuffer buffer) {
 }
 
 // Reads a stream to its end. Out: the bytes of each target.
-struct Read {
+struct ReadResult {
   std::vector<std::string> targets;
   std::vector<v1::ResultPiece> pieces;
   v1::Summary summary;
 };
-Read ReadAll(ResultStream& stream, size_t targets) {
-  Read read;
+ReadResult ReadAll(ResultStream& stream, size_t targets) {
+  ReadResult read;
   read.targets.resize(targets);
   EXPECT_TRUE(Received(stream.Next()).has_header());
   while (!stream.done()) {
@@ -88,7 +88,7 @@ TEST(ResultStreamTest, SendsHeaderThenEveryByteInOrderThenSummary) {
   Sha256 hash;
   for (const HostBuffer& target : outcome->result.targets) hash.Update(target.bytes());
   ResultStream stream(outcome, {}, {.piece_bytes = kPieceBytes});
-  const Read read = ReadAll(stream, sizes.size());
+  const ReadResult read = ReadAll(stream, sizes.size());
   EXPECT_EQ(read.pieces.size(), 1u + 1 + 0 + 1 + 3);
   for (size_t t = 0; t < sizes.size(); ++t) EXPECT_EQ(read.targets[t], Text(outcome->result.targets[t].bytes())) << t;
   for (const v1::ResultPiece& piece : read.pieces) EXPECT_LE(piece.data().size(), kPieceBytes);
@@ -129,7 +129,7 @@ TEST(ResultStreamTest, CompressesWhereThatIsSmaller) {
   CallSettings settings;
   settings.compression = Compression::kZstd;
   ResultStream stream(outcome, settings, {.piece_bytes = kPieceBytes});
-  const Read read = ReadAll(stream, 2);
+  const ReadResult read = ReadAll(stream, 2);
   ASSERT_EQ(read.pieces.size(), 4u);
   EXPECT_EQ(read.pieces[0].raw_bytes(), 0u) << "noise does not become smaller";
   EXPECT_EQ(read.pieces[1].raw_bytes(), kPieceBytes);
@@ -149,7 +149,7 @@ TEST(ResultStreamTest, ChecksumsOfAResultForManyAreComputedOnce) {
   for (const HostBuffer& target : outcome->result.targets) hash.Update(target.bytes());
   const std::string digits = hash.HexDigest();
   ResultStream first(outcome, {}, {.piece_bytes = kPieceBytes});
-  const Read read = ReadAll(first, 2);
+  const ReadResult read = ReadAll(first, 2);
   EXPECT_EQ(read.summary.content_sha256(), digits);
   EXPECT_EQ(outcome->sums->sha256(), digits) << "for those who come later";
   // Data that is not read again may change unnoticed.

@@ -9,11 +9,11 @@
 namespace voxelpipe {
 namespace {
 
-const WorkerTraits kCpu{"cpu", BackendChoice::kCpu};
-const WorkerTraits kGpu0{"cuda:0", BackendChoice::kCuda};
-const WorkerTraits kGpu1{"cuda:1", BackendChoice::kCuda};
-const std::vector<ServingDevice> kAll{{kGpu0, 2}, {kGpu1, 2}, {kCpu, 2}};
-const std::vector<ServingDevice> kOnlyCpu{{kCpu, 2}};
+const WorkerTraits kCpuWorker{"cpu", BackendChoice::kCpu};
+const WorkerTraits kGpu0Worker{"cuda:0", BackendChoice::kCuda};
+const WorkerTraits kGpu1Worker{"cuda:1", BackendChoice::kCuda};
+const std::vector<ServingDevice> kAllDevices{{kGpu0Worker, 2}, {kGpu1Worker, 2}, {kCpuWorker, 2}};
+const std::vector<ServingDevice> kOnlyCpu{{kCpuWorker, 2}};
 
 TaskTraits Wants(BackendChoice backend, bool fallback) {
   TaskTraits traits;
@@ -23,45 +23,45 @@ TaskTraits Wants(BackendChoice backend, bool fallback) {
 }
 
 TEST(DeviceChoiceTest, AutoMayRunAnywhere) {
-  for (const WorkerTraits& worker : {kCpu, kGpu0, kGpu1}) {
-    EXPECT_TRUE(MayHave(Wants(BackendChoice::kAuto, true), worker, kAll));
+  for (const WorkerTraits& worker : {kCpuWorker, kGpu0Worker, kGpu1Worker}) {
+    EXPECT_TRUE(MayHave(Wants(BackendChoice::kAuto, true), worker, kAllDevices));
   }
 }
 
 TEST(DeviceChoiceTest, ANamedKindStaysThereWhileItServes) {
   const TaskTraits task = Wants(BackendChoice::kCuda, true);
-  EXPECT_TRUE(MayHave(task, kGpu0, kAll));
-  EXPECT_FALSE(MayHave(task, kCpu, kAll)) << "fallback is for failures, not for haste";
-  EXPECT_TRUE(MayHave(task, kCpu, kOnlyCpu));
+  EXPECT_TRUE(MayHave(task, kGpu0Worker, kAllDevices));
+  EXPECT_FALSE(MayHave(task, kCpuWorker, kAllDevices)) << "fallback is for failures, not for haste";
+  EXPECT_TRUE(MayHave(task, kCpuWorker, kOnlyCpu));
 }
 
 TEST(DeviceChoiceTest, WithoutFallbackAnotherKindNeverHasIt) {
   const TaskTraits task = Wants(BackendChoice::kCuda, false);
-  EXPECT_FALSE(MayHave(task, kCpu, kAll));
-  EXPECT_FALSE(MayHave(task, kCpu, kOnlyCpu));
-  EXPECT_TRUE(AnyMayHave(task, kAll));
+  EXPECT_FALSE(MayHave(task, kCpuWorker, kAllDevices));
+  EXPECT_FALSE(MayHave(task, kCpuWorker, kOnlyCpu));
+  EXPECT_TRUE(AnyMayHave(task, kAllDevices));
   EXPECT_FALSE(AnyMayHave(task, kOnlyCpu));
 }
 
 TEST(DeviceChoiceTest, ADeviceThatFailedItDoesNotGetItAgain) {
   TaskTraits task = Wants(BackendChoice::kCuda, true);
   task.excluded_devices = {"cuda:0"};
-  EXPECT_FALSE(MayHave(task, kGpu0, kAll));
-  EXPECT_TRUE(MayHave(task, kGpu1, kAll));
-  EXPECT_FALSE(MayHave(task, kCpu, kAll)) << "a second GPU is left";
+  EXPECT_FALSE(MayHave(task, kGpu0Worker, kAllDevices));
+  EXPECT_TRUE(MayHave(task, kGpu1Worker, kAllDevices));
+  EXPECT_FALSE(MayHave(task, kCpuWorker, kAllDevices)) << "a second GPU is left";
   task.excluded_devices = {"cuda:0", "cuda:1"};
-  EXPECT_TRUE(MayHave(task, kCpu, kAll));
+  EXPECT_TRUE(MayHave(task, kCpuWorker, kAllDevices));
 }
 
 TEST(DeviceChoiceTest, AFallbackIsAnotherKindThanTheOneThatWasMeant) {
-  EXPECT_FALSE(IsFallback(Wants(BackendChoice::kCuda, true), kGpu1));
-  EXPECT_TRUE(IsFallback(Wants(BackendChoice::kCuda, true), kCpu));
-  EXPECT_TRUE(IsFallback(Wants(BackendChoice::kCpu, true), kGpu0));
+  EXPECT_FALSE(IsFallback(Wants(BackendChoice::kCuda, true), kGpu1Worker));
+  EXPECT_TRUE(IsFallback(Wants(BackendChoice::kCuda, true), kCpuWorker));
+  EXPECT_TRUE(IsFallback(Wants(BackendChoice::kCpu, true), kGpu0Worker));
   TaskTraits open = Wants(BackendChoice::kAuto, true);
-  EXPECT_FALSE(IsFallback(open, kCpu)) << "it was never meant for a GPU alone";
+  EXPECT_FALSE(IsFallback(open, kCpuWorker)) << "it was never meant for a GPU alone";
   open.excluded_devices = {"cuda:0"};
-  EXPECT_FALSE(IsFallback(open, kGpu1)) << "another of the same kind";
-  EXPECT_TRUE(IsFallback(open, kCpu));
+  EXPECT_FALSE(IsFallback(open, kGpu1Worker)) << "another of the same kind";
+  EXPECT_TRUE(IsFallback(open, kCpuWorker));
 }
 
 TEST(DeviceChoiceTest, NothingServesNothing) {
