@@ -13,7 +13,10 @@ endif()
 add_library(voxelpipe_flags INTERFACE)
 target_compile_features(voxelpipe_flags INTERFACE cxx_std_20)
 # The same bytes on every machine and on both devices: no contraction to fused multiply-add.
-target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-ffp-contract=off -Wall -Wextra -Wshadow>)
+target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-ffp-contract=off -Wall -Wextra>)
+# In a unity build a local name may shadow another file's.
+target_compile_options(voxelpipe_flags INTERFACE
+  $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<NOT:$<BOOL:$<TARGET_PROPERTY:UNITY_BUILD>>>>:-Wshadow>)
 # POPCNT and the rounding instructions, which every x86-64 processor since 2009 has; wider ones are chosen at run time.
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-march=x86-64-v2>
