@@ -251,7 +251,7 @@ absl::Status BatchPass::Allocate() {
   const uint64_t counts = layout.Add<BatchCounts>(view.item_count);  // copied back together from here on
   const uint64_t values = layout.Add<uint8_t>(value_bytes_);         // not cleared from here on
   const uint64_t packed = layout.Add<uint32_t>(view.packed_words);
-  const uint64_t word_ranks = layout.Add<uint32_t>(valued_.targets() > 0 ? words_ : 0);
+  const uint64_t word_ranks = layout.Add<uint32_t>(view.value_triangles > 0 ? words_ : 0);
   VOXELPIPE_OK_OR_RETURN(work_.Resize(layout.bytes(), state_.stream));
   view.placed = At<Vec3d>(work_, placed);
   view.codes = At<VertexCode>(work_, codes);

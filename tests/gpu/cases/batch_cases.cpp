@@ -40,7 +40,7 @@ std::vector<std::vector<TargetSpec>> TargetLists() {
 
 }  // namespace
 
-std::vector<ParityCase> ABufferCases() {
+std::vector<ParityCase> FragmentCases() {
   constexpr std::array<int64_t, 3> kDims[] = {{40, 40, 40}, {1, 1, 1}, {33, 9, 7}, {31, 17, 41}, {1, 40, 1}};
   std::vector<ParityCase> cases;
   size_t number = 0;
@@ -60,6 +60,11 @@ std::vector<ParityCase> ABufferCases() {
   }
   cases.push_back(cases.front());
   cases.back().request.coverage = Coverage::kCenter;
+  // Occupancy bits of a grid that is too long for rows: its fragments are found, and no target has values.
+  ParityCase& bits = cases.emplace_back();
+  bits.request.grid.dims = {17000, 3, 2};
+  bits.request.grid.origin = Vec3d{0, 0, 0};
+  bits.request.grid.voxel_size = Vec3d{0.0025, 13, 20};
   return cases;
 }
 

@@ -79,7 +79,7 @@ void BatchParity::Add(const std::string& name, const std::shared_ptr<const Trian
 }
 
 void BatchParity::AddABuffers(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh) {
-  for (const ParityCase& c : ABufferCases()) Add(absl::StrCat(name, " batch ", Describe(c)), mesh, c.request);
+  for (const ParityCase& c : FragmentCases()) Add(absl::StrCat(name, " batch ", Describe(c)), mesh, c.request);
 }
 
 void BatchParity::AddFloods(const std::string& name, const std::shared_ptr<const TriangleMesh>& mesh, size_t first) {

@@ -442,7 +442,7 @@ void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) 
     // What is kept with such a mesh is made of its own positions.
     const bool scattered = named.name == "scattered" && !options.quick;
     if (scattered && !parity.RunMoved(named, mesh, QuickCases(named), batches)) return;
-    if (number == 1 && !parity.RunMesh({named.name + "_a_buffer", 40, {}, true}, mesh, ABufferCases(), 1)) return;
+    if (number == 1 && !parity.RunMesh({named.name + "_a_buffer", 40, {}, true}, mesh, FragmentCases(), 1)) return;
     if (subject->rigged && !parity.RunVertexShaders(named, mesh)) return;
     if (in_batches) AddTo(batches, *subject, options);
   }
