@@ -8,7 +8,7 @@
 namespace voxelpipe::gpu {
 
 // Both coverages, layouts and kinds of grid, from one voxel to odd sizes; targets of every width, with shaders that
-// discard, and with only such shaders. The last one is refused: center coverage has no A-buffer. For meshes about [0,
+// discard, and with only such shaders. One is refused: center coverage has no A-buffer. And bits of a long grid. For meshes about [0,
 // 40].
 std::vector<ParityCase> FragmentCases();
 // What every mesh has: occupied voxels, ids, positions; for meshes that are `large`, or lie anywhere.
