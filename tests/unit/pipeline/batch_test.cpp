@@ -94,7 +94,9 @@ class GivesUp final : public Backend {
   std::vector<size_t> RunShared(int, std::span<const BatchItem> items, const PlanLimits&, BatchStats&) const override {
     std::vector<size_t> alone;
     for (size_t i = 0; i < items.size(); ++i) {
-      if (i % 2 == 0 && items[i].on_plan) EXPECT_TRUE(items[i].on_plan(Plan()).ok());
+      if (i % 2 == 0 && items[i].on_plan) {
+        EXPECT_TRUE(items[i].on_plan(Plan()).ok());
+      }
       alone.push_back(i);
     }
     return alone;
