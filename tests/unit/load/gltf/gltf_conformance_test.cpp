@@ -103,7 +103,7 @@ TEST(GltfConformance, BytesBehindAGlbLoadWithAWarning) {
   file.insert(file.end(), 5, 0xAB);
   const TriangleMesh mesh = Flat(file);
   EXPECT_EQ(mesh.triangles.size(), 12u);
-  EXPECT_THAT(Lines(mesh.warnings), ElementsAre(HasSubstr("5 bytes behind")));
+  EXPECT_THAT(Lines(mesh.warnings), ElementsAre(HasSubstr("5 bytes after the length")));
   file.resize(declared - 1);
   EXPECT_THAT(std::string(LoadScene(file).status().message()), HasSubstr("the length field says"));
 }
