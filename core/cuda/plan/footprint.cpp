@@ -171,8 +171,8 @@ double DeviceSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, con
   return bytes + SumBytes(request, grid, layers);
 }
 
-// `depth`, or if that is above `most` the depth of as few slabs as possible that are about equally deep: two buffers of a
-// slab that is almost the whole grid would take twice its memory.
+// `depth`, or if that is above `most` the depth of as few slabs as possible that are about equally deep: two buffers of
+// a slab that is almost the whole grid would take twice its memory.
 int64_t EvenSlabDepth(int64_t layers, int64_t depth, int64_t most) {
   if (depth <= most) return depth;
   const int64_t slabs = (layers + most - 1) / most, even = (layers + slabs - 1) / slabs;
