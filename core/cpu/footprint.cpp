@@ -118,9 +118,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
                            const Surface& surface, const PlanLimits& limits, Delivery delivery) {
   const bool dense = request.result == ResultKind::kDense;
   Footprint out;
-  Sum result;
-  result += dense ? double(DenseResultBytes(request, grid)) : ListBytes(request, surface, false);
-  out.result_bytes = result;
+  out.result_bytes = ResultBytes(request, grid, surface);
   // The bytes of the lists of a slab, then of the whole slab.
   const auto lists = [&](int64_t layers) {
     if (dense) return 0.0;

@@ -4,8 +4,8 @@
 usage: option_tables.py [--check] VOXELPIPED OPERATIONS.md
 
 `voxelpiped --help-markdown` prints a table for each group of options between two comments that name it; the page has
-the same comments. Exit status: 0 done or equal, 1 with --check: a table differs, 2 the page lacks a group or has one that
-the program does not print.
+the same comments. Exit status: 0 done or equal, 1 with --check: a table differs, 2 the page lacks a group or has one
+that the program does not print.
 """
 import re
 import subprocess

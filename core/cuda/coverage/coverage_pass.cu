@@ -43,14 +43,6 @@ auto KernelFor(const BitArgs& walk, CellSink sink, bool by_id) {
   return walk.packed != nullptr ? KernelFor<kThin, true>(sink, by_id) : KernelFor<kThin, false>(sink, by_id);
 }
 
-}  // namespace
-
-bool GoesByFixed(const RunState& state) {
-  return HasFixed(MakeCellWalk(state));
-}
-
-namespace {
-
 // Triangles per thread of FindCells.
 int RoundsOf(const RunState& state) {
   return RoundsFor(state.mesh.host_view.triangle_count, kFindThreads,

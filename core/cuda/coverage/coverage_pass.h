@@ -10,9 +10,6 @@
 
 namespace voxelpipe::cuda {
 
-// True if the fixed-point filter can be used for the run's triangles. Otherwise all triangles are deferred.
-bool GoesByFixed(const RunState& state);
-
 // Runs the coverage pass over the slab's triangles with an output `sink`. Other than small triangles are appended to
 // the queues, whose lengths are in state.counters. kBlend, kPool: `blend` has the target; `by_id`: the value is the
 // triangle's id. `fragments`: FragmentSlots, cleared first, or null.

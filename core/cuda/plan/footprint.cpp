@@ -185,9 +185,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
                            const Surface& surface, const PlanLimits& limits, Delivery delivery) {
   const bool dense = request.result == ResultKind::kDense;
   Footprint out;
-  Sum result;
-  result += dense ? double(DenseResultBytes(request, grid)) : ListBytes(request, surface, false);
-  out.result_bytes = result;
+  out.result_bytes = ResultBytes(request, grid, surface);
   const auto slab_bytes = [&](int64_t layers) {
     return DeviceSlabBytes(request, grid, mesh, MostOfSlab(surface, grid, layers), layers);
   };

@@ -100,6 +100,13 @@ double LargestListBytes(const VoxelizeRequest& request, const Surface& surface) 
   return largest;
 }
 
+uint64_t ResultBytes(const VoxelizeRequest& request, const GridSpec& grid, const Surface& surface) {
+  if (request.result == ResultKind::kDense) return DenseResultBytes(request, grid);
+  Sum bytes;
+  bytes += ListBytes(request, surface, false);
+  return bytes;
+}
+
 }  // namespace footprint
 
 uint64_t DenseResultBytes(const VoxelizeRequest& request, const GridSpec& grid) {

@@ -48,6 +48,8 @@ double ListBytes(const VoxelizeRequest& request, const Surface& surface, bool po
 // The same of all slabs together, each with arrays of its own, none of which has more than `slab`.
 double HeldListBytes(const VoxelizeRequest& request, const Surface& surface, const Surface& slab, double slabs);
 double LargestListBytes(const VoxelizeRequest& request, const Surface& surface);
+// The result as its reader gets it.
+uint64_t ResultBytes(const VoxelizeRequest& request, const GridSpec& grid, const Surface& surface);
 
 // A slab deep enough for the whole grid, or a multiple of the granularity.
 template <typename Bytes>

@@ -7,9 +7,9 @@
 
 namespace voxelpipe::gpu {
 
-// For meshes about [0, 40]. Buckets of both coverages, layouts and kinds of grid, from one voxel to odd sizes; targets of
-// every width, with shaders that discard, and with only such shaders. One is refused: center coverage has no A-buffer.
-// And occupancy bits of a grid that is too long for rows.
+// For meshes about [0, 40]. Buckets of both coverages, layouts and kinds of grid, from one voxel to odd sizes; targets
+// of every width, with shaders that discard, and with only such shaders. One is refused: center coverage has no
+// A-buffer. And occupancy bits of a grid that is too long for rows.
 std::vector<ParityCase> FragmentCases();
 // What every mesh has: occupied voxels, ids, positions; for meshes that are `large`, or lie anywhere.
 VoxelizeRequest FittedABuffer(int64_t resolution, bool shaded);

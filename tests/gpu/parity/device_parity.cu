@@ -1,7 +1,7 @@
 // Runs the arithmetic of core/raster and core/shaders on the device and on the host and compares the bits: row spans,
 // tiles, barycentrics, crossings, every shader, conversion and blending, over a random soup with slivers, points, huge
-// and outside triangles. And, on the device, quick normals (cuda/primitives/fast_normal.cuh) against plain ones, of many more
-// vectors. Exit 0 if all agree, 1 if not, 77 (skipped) without a GPU.
+// and outside triangles. And, on the device, quick normals (cuda/primitives/fast_normal.cuh) against plain ones, of
+// many more vectors. Exit 0 if all agree, 1 if not, 77 (skipped) without a GPU.
 #include <cstdio>
 #include <vector>
 

@@ -1,5 +1,5 @@
-// The primitives of core/cuda at the borders of warps and blocks, against loops on the host. Built twice: for a GPU, and
-// for the emulator.
+// The primitives of core/cuda at the borders of warps and blocks, against loops on the host. Built twice: for a GPU,
+// and for the emulator.
 #include <cuda_runtime_api.h>
 
 #include <algorithm>
