@@ -5,8 +5,8 @@
 #include <cstring>
 #include <span>
 
+#include "base/parallel.h"
 #include "cpu/base/element_store.h"
-#include "cpu/base/parallel.h"
 #include "cpu/tile_runs.h"
 #include "pipeline/plan/list_memory.h"
 #include "raster/spans.h"

@@ -6,12 +6,13 @@
 #include <span>
 #include <utility>
 
+#include "base/parallel.h"
 #include "base/threads.h"
 #include "cpu/a_buffer.h"
-#include "cpu/base/parallel.h"
 #include "cpu/footprint.h"
-#include "cpu/measure/measure.h"
 #include "cpu/run_state.h"
+#include "host_mesh/measure.h"
+#include "host_mesh/vertex_shade.h"
 
 namespace voxelpipe::cpu {
 namespace {
@@ -41,7 +42,7 @@ class CpuStages final : public Stages {
     state_.kernels = &kernels;
   }
 
-  absl::StatusOr<MeshExtent> VertexShade() override { return cpu::VertexShade(state_); }
+  absl::StatusOr<MeshExtent> VertexShade() override { return ShadeHostMesh(state_); }
   absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool /*closely*/) const override {
     const VoxelizeRequest& request = state_.request.request;
     if (state_.view.triangle_count == 0) return EstimateSurface(request, grid, mesh);

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "cpu/base/parallel.h"
+#include "base/parallel.h"
 #include "cpu/run_state.h"
 
 namespace voxelpipe::cpu {

@@ -6,7 +6,7 @@
 #include <cstring>
 #include <span>
 
-#include "cpu/base/parallel.h"
+#include "base/parallel.h"
 #include "cpu/base/stream.h"
 #include "cpu/dense_fill.h"
 #include "cpu/rows/tile_spans.h"

@@ -9,7 +9,7 @@
 #include <bit>
 #include <vector>
 
-#include "cpu/base/parallel.h"
+#include "base/parallel.h"
 #include "grid/word_spread.h"
 #include "raster/spans.h"
 

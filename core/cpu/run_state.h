@@ -13,8 +13,7 @@
 #include "cpu/base/tile_values.h"
 #include "cpu/rows/row_bits.h"
 #include "grid/bit_grid.h"
-#include "mesh/triangle_mesh.h"
-#include "mesh/views/mesh_view.h"
+#include "host_mesh/host_mesh.h"
 #include "pipeline/stages/stages.h"
 #include "raster/tiles.h"
 #include "shaders/fill_value.h"
@@ -53,24 +52,10 @@ struct CpuTarget {
 
 struct ABuffer;
 
-struct RunState {
-  RunState(const TriangleMesh& m, const BoundRequest& r, const JobContext& j) : mesh(m), request(r), job(j) {}
+struct RunState : HostMesh {
+  using HostMesh::HostMesh;
 
-  const TriangleMesh& mesh;
-  const BoundRequest& request;
-  const JobContext& job;
   ListMemory* lists = nullptr;  // consulted before lists exceed their share of the plan; may be null
-
-  // VertexShade
-  std::vector<Vec3d> shaded_positions;  // empty under the identity shader, which uses the mesh's own
-  std::vector<Vec3f> shaded_normals;
-  std::vector<Vec4f> shaded_tangents;
-  std::vector<Vec3f> velocities;  // empty if nothing moves
-  std::vector<PartView> parts;
-  std::vector<MaterialView> materials;
-  std::vector<TextureView> textures;
-  std::vector<AttributeView> attributes;
-  MeshView view;
 
   // CoarseRaster, TileSort: of the whole grid
   GridSpec grid;
@@ -107,14 +92,10 @@ struct RunState {
   uint64_t slab_voxels() const { return uint64_t(slab_dims[0]) * uint64_t(slab_dims[1]) * uint64_t(slab_dims[2]); }
 };
 
-// "node 3, mesh 1, primitive 0, vertex 17" for a vertex index of the flattened mesh.
-std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex);
-
 // True if every target is the coverage itself, so that the rasterizer needs no tiles.
-bool PlainBits(const RunState& state, const GridSpec& grid);
+bool PlainBits(const HostMesh& mesh, const GridSpec& grid);
 
 // The stages; see pipeline/stages/stages.h for what each does.
-absl::StatusOr<MeshExtent> VertexShade(RunState& state);
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid);
 absl::Status TileSort(RunState& state);
 absl::Status BeginSlab(RunState& state, const Slab& slab);

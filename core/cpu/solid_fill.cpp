@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "cpu/base/parallel.h"
+#include "base/parallel.h"
 #include "cpu/base/task_sizes.h"
 #include "cpu/dense_fill.h"
 #include "cpu/flood_fill.h"

@@ -4,8 +4,8 @@
 #include <bit>
 #include <cstring>
 
+#include "base/parallel.h"
 #include "cpu/base/element_store.h"
-#include "cpu/base/parallel.h"
 #include "pipeline/plan/list_memory.h"
 
 namespace voxelpipe::cpu {

@@ -1,8 +1,8 @@
 // Allocation and packing of the render targets. FineRaster clears what it does not write.
 #include <algorithm>
 
+#include "base/parallel.h"
 #include "cpu/a_buffer.h"
-#include "cpu/base/parallel.h"
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
 #include "pipeline/plan/plan.h"
@@ -61,12 +61,12 @@ absl::Status PackBitTarget(const RunState& state, const CpuTarget& target, HostB
 
 }  // namespace
 
-bool PlainBits(const RunState& state, const GridSpec& grid) {
-  const VoxelizeRequest& request = state.request.request;
-  if (request.result == ResultKind::kBuckets || !RowBitsFit(grid, state.view.triangle_count)) return false;
+bool PlainBits(const HostMesh& mesh, const GridSpec& grid) {
+  const VoxelizeRequest& request = mesh.request.request;
+  if (request.result == ResultKind::kBuckets || !RowBitsFit(grid, mesh.view.triangle_count)) return false;
   for (size_t i = 0; i < request.targets.size(); ++i) {
     if (request.targets[i].format != VoxelFormat::kBit) return false;
-    if (FragmentShaderId(state.request.fragment_shaders[i].id) != FragmentShaderId::kOccupancy) return false;
+    if (FragmentShaderId(mesh.request.fragment_shaders[i].id) != FragmentShaderId::kOccupancy) return false;
   }
   return true;
 }

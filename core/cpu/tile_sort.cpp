@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <bit>
 
-#include "cpu/base/parallel.h"
+#include "base/parallel.h"
 #include "cpu/run_state.h"
 
 namespace voxelpipe::cpu {

@@ -12,12 +12,11 @@
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
 #include "base/machine.h"
-#include "cpu/measure/measure.h"
-#include "cpu/rows/row_kernels.h"
 #include "cuda/batch/batch.h"
 #include "cuda/plan/footprint.h"
 #include "cuda/run/run_state.h"
 #include "cuda/targets/slab_copies.h"
+#include "host_mesh/measure.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -27,9 +26,8 @@ constexpr size_t kRunsAtOnce = 4;  // for RunEach
 class CudaStages final : public Stages {
  public:
   CudaStages(const TriangleMesh& mesh, const BoundRequest& request, const JobContext& job, const DeviceInfo& device,
-             const cpu::RowKernels& kernels, DeviceUse use)
+             DeviceUse use)
       : use_(std::move(use)), state_(mesh, request, job) {
-    state_.host.kernels = &kernels;
     state_.device = device;
     state_.stream = use_.stream();
   }
@@ -48,7 +46,7 @@ class CudaStages final : public Stages {
     // The device's sums are those of the whole mesh. If the vertices are those of the file, the host can measure them
     // within the grid.
     if (closely && request.vertex_shader.name == "identity") {
-      return cpu::MeasureSurface(state_.host.view, request, grid, state_.job);
+      return MeasureSurface(state_.host.view, request, grid, state_.job);
     }
     return EstimateSurface(request, grid, mesh);
   }
@@ -207,11 +205,9 @@ class Cuda final : public Backend {
   std::string_view simd() const override { return "cuda"; }
   absl::StatusOr<std::unique_ptr<Stages>> Start(const TriangleMesh& mesh, const BoundRequest& request,
                                                 const JobContext& job) const override {
-    const absl::StatusOr<const cpu::RowKernels*> kernels = cpu::SelectRowKernels(request.request.simd);
-    if (!kernels.ok()) return kernels.status();
     absl::StatusOr<DeviceUse> use = DeviceUse::Begin(device_.ordinal);
     if (!use.ok()) return use.status();
-    return std::make_unique<CudaStages>(mesh, request, job, device_, **kernels, *std::move(use));
+    return std::make_unique<CudaStages>(mesh, request, job, device_, *std::move(use));
   }
   void Run(int threads, const std::function<void()>& body) const override {
     const int cores = CpuCount();  // the host assembles results

@@ -4,10 +4,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
-#include "cpu/vertex_shade.h"
 #include "cuda/run/run_state.h"
 #include "cuda/traversal/mesh_locality.h"
 #include "grid/index_space.h"
+#include "host_mesh/vertex_shade.h"
 #include "pipeline/plan/footprint_parts.h"
 
 namespace voxelpipe::cuda {
@@ -27,7 +27,7 @@ absl::Status CheckReach(RunState& state, const GridSpec& grid) {
   if (state.host.view.triangle_count == 0 || (InReach(place(state.box.min)) && InReach(place(state.box.max)))) {
     return absl::OkStatus();
   }
-  if (state.shaded_there) VOXELPIPE_OK_OR_RETURN(cpu::ShadeVertices(state.host));
+  if (state.shaded_there) VOXELPIPE_OK_OR_RETURN(ShadeVertices(state.host));
   uint32_t bad = UINT32_MAX;
   const MeshView& mesh = state.host.view;
   for (uint64_t t = 0; t < mesh.triangle_count; ++t) {
@@ -39,7 +39,7 @@ absl::Status CheckReach(RunState& state, const GridSpec& grid) {
     }
   }
   return absl::InvalidArgumentError(
-      absl::StrCat(cpu::DescribeVertex(state.host.mesh, bad), ": farther than 2^40 voxels from the grid's origin"));
+      absl::StrCat(DescribeVertex(state.host.mesh, bad), ": farther than 2^40 voxels from the grid's origin"));
 }
 
 // True if some kernel reads vertices in index space.

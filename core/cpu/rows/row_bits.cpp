@@ -8,7 +8,7 @@
 #include <bit>
 #include <cstring>
 
-#include "cpu/base/parallel.h"
+#include "base/parallel.h"
 #include "cpu/base/task_sizes.h"
 #include "cpu/rows/row_bins.h"
 #include "grid/index_space.h"
@@ -41,10 +41,6 @@ struct ThreadWork {
 };
 
 }  // namespace
-
-bool RowBitsFit(const GridSpec& grid, uint64_t triangles) {
-  return std::max({grid.dims[0], grid.dims[1], grid.dims[2]}) <= kMaxCodedDim && triangles < UINT32_MAX;
-}
 
 struct RowBits::Impl {
   const RowKernels& kernels;

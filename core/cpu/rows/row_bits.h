@@ -16,9 +16,6 @@
 
 namespace voxelpipe::cpu {
 
-// True if this path takes the grid and this number of triangles.
-bool RowBitsFit(const GridSpec& grid, uint64_t triangles);
-
 class RowBits {
  public:
   RowBits(const RowKernels& kernels, const MeshView& mesh, const GridSpec& grid, Coverage coverage);

@@ -11,6 +11,7 @@
 #include "cpu/rows/tile_spans.h"
 #include "grid/index_space.h"
 #include "job/request.h"
+#include "raster/row_bits_fit.h"
 
 namespace voxelpipe::cpu {
 
@@ -20,8 +21,7 @@ namespace voxelpipe::cpu {
 struct VertexCode {
   int16_t axis[4];  // x, y, z, 0
 };
-// Grids up to this many voxels an axis fit the codes.
-inline constexpr int64_t kMaxCodedDim = 16000;
+static_assert(2 * kMaxCodedDim < INT16_MAX);
 
 // Layers of a bit grid, cleared by the caller.
 struct RowSlab {
@@ -78,8 +78,6 @@ struct Placed {
 
 struct RowKernels {
   std::string_view name;  // "scalar", "avx2", "avx512"
-  // The box of vertices [begin, end), at least one. False if one is not finite; the box is then undefined.
-  bool (*bounds)(const Vec3d* world, int64_t begin, int64_t end, Vec3d& least, Vec3d& most);
   // The codes of vertices [begin, end), and WorldToIndex of them where `index` is not null.
   Placed (*place)(const Vec3d* world, int64_t begin, int64_t end, const IndexSpace& space, Vec3d* index,
                   VertexCode* codes);

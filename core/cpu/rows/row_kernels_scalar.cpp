@@ -27,19 +27,6 @@ int16_t Code(double p) {
   return int16_t(Clamp(first + last, -32768.0, 32767.0));  // last - first is 0 or 1
 }
 
-bool Bounds(const Vec3d* world, int64_t begin, int64_t end, Vec3d& least, Vec3d& most) {
-  least = most = world[begin];
-  bool finite = true;
-  for (int64_t i = begin; i < end; ++i) {
-    for (int a = 0; a < 3; ++a) {
-      finite = finite && Abs(world[i][a]) < HUGE_VAL;  // false for NaN
-      least[a] = Min(least[a], world[i][a]);
-      most[a] = Max(most[a], world[i][a]);
-    }
-  }
-  return finite;
-}
-
 Placed Place(const Vec3d* world, int64_t begin, int64_t end, const IndexSpace& space, Vec3d* index, VertexCode* codes) {
   bool near = true;
   for (int64_t i = begin; i < end; ++i) {
@@ -158,7 +145,7 @@ int64_t SpreadToggles(const BlockToggles& in, int64_t rows, int64_t words_per_ro
   return odd;
 }
 
-const RowKernels kScalar{"scalar",  Bounds,      Place,      Scan,       Raster,       Raster,
+const RowKernels kScalar{"scalar",  Place,       Scan,       Raster,     Raster,
                          TileBoxes, SpansInTile, CrossSmall, CrossLarge, SpreadToggles};
 
 }  // namespace

@@ -22,7 +22,6 @@ namespace voxelpipe::cpu {
 const RowKernels* Avx2RowKernels() {
 #if (HWY_TARGETS & HWY_AVX2)
   static constexpr RowKernels kKernels{"avx2",
-                                       N_AVX2::Bounds,
                                        N_AVX2::Place,
                                        N_AVX2::Scan,
                                        N_AVX2::RasterSmall,
@@ -40,10 +39,9 @@ const RowKernels* Avx2RowKernels() {
 
 const RowKernels* Avx512RowKernels() {
 #if (HWY_TARGETS & HWY_AVX3)
-  static constexpr RowKernels kKernels{"avx512",           N_AVX3::Bounds,       N_AVX3::Place,
-                                       N_AVX3::Scan,       N_AVX3::RasterSmall,  N_AVX3::RasterLarge,
-                                       N_AVX3::TileBoxes,  N_AVX3::SpansInTile,  N_AVX3::CrossSmall,
-                                       N_AVX3::CrossLarge, N_AVX3::SpreadToggles};
+  static constexpr RowKernels kKernels{
+      "avx512",          N_AVX3::Place,       N_AVX3::Scan,       N_AVX3::RasterSmall, N_AVX3::RasterLarge,
+      N_AVX3::TileBoxes, N_AVX3::SpansInTile, N_AVX3::CrossSmall, N_AVX3::CrossLarge,  N_AVX3::SpreadToggles};
   return &kKernels;
 #else
   return nullptr;

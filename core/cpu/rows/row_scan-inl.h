@@ -1,4 +1,4 @@
-// Bounds and codes of vertices, and the scan that sets runs and lists the triangles that need a set-up: by integer
+// Codes of vertices, and the scan that sets runs and lists the triangles that need a set-up: by integer
 // boxes, several triangles per vector. Included once for each instruction set; no include guard but Highway's.
 #if defined(VOXELPIPE_ROW_SCAN_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef VOXELPIPE_ROW_SCAN_INL_H_
@@ -23,36 +23,6 @@ namespace voxelpipe::cpu {
 namespace HWY_NAMESPACE {
 
 // ---- vertices ----
-
-HWY_ATTR bool Bounds(const Vec3d* world, int64_t begin, int64_t end, Vec3d& least, Vec3d& most) {
-  const DD d;
-  const double* in = &world[0].x;
-  VD lo[3], hi[3], odd = hn::Zero(d);  // odd: 0 while all are finite, x - x being NaN for NaN and infinity
-  for (int a = 0; a < 3; ++a) lo[a] = hi[a] = SetD(world[begin][a]);
-  int64_t i = begin;
-  for (; i + kHalf <= end; i += kHalf) {
-    VD p[3];
-    hn::LoadInterleaved3(d, in + 3 * i, p[0], p[1], p[2]);
-    for (int a = 0; a < 3; ++a) {
-      lo[a] = hn::Min(lo[a], p[a]);
-      hi[a] = hn::Max(hi[a], p[a]);
-      odd = hn::Add(odd, hn::Sub(p[a], p[a]));
-    }
-  }
-  bool finite = hn::AllTrue(d, hn::Eq(odd, hn::Zero(d)));
-  for (int a = 0; a < 3; ++a) {
-    least[a] = hn::GetLane(hn::MinOfLanes(d, lo[a]));
-    most[a] = hn::GetLane(hn::MaxOfLanes(d, hi[a]));
-  }
-  for (; i < end; ++i) {
-    for (int a = 0; a < 3; ++a) {
-      finite = finite && Abs(world[i][a]) < HUGE_VAL;
-      least[a] = voxelpipe::Min(least[a], world[i][a]);
-      most[a] = voxelpipe::Max(most[a], world[i][a]);
-    }
-  }
-  return finite;
-}
 
 // 2*first + (last - first) = first + last, see VertexCode. As an integer in the low bits of a double's.
 HWY_INLINE hn::Vec<DU> CodeOf(VD p) {

@@ -5,10 +5,11 @@
 #include <utility>
 
 #include "base/wall_clock.h"
-#include "cpu/rows/row_kernels.h"
 #include "cuda/run/run_state.h"
 #include "grid/index_space.h"
+#include "host_mesh/vertex_shade.h"
 #include "mesh/views/mips.h"
+#include "raster/row_bits_fit.h"
 
 namespace voxelpipe::cuda {
 namespace {
@@ -126,16 +127,14 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
   if (!item.job->Check().ok()) return nullptr;
   if (request.coverage == Coverage::kNone || request.fill == Fill::kNonzero) return nullptr;  // not supported by passes
   absl::StatusOr<BoundRequest> bound = BindRequest(*item.mesh, request);
-  const absl::StatusOr<const cpu::RowKernels*> kernels = cpu::SelectRowKernels(request.simd);
-  if (!bound.ok() || !kernels.ok()) return nullptr;
+  if (!bound.ok()) return nullptr;
   auto member = std::make_unique<BatchMember>();
   member->item = &item;
   member->bound = std::make_unique<BoundRequest>(*std::move(bound));
-  member->host = std::make_unique<cpu::RunState>(*item.mesh, *member->bound, *item.job);
-  member->host->kernels = *kernels;
+  member->host = std::make_unique<HostMesh>(*item.mesh, *member->bound, *item.job);
   item.job->Report("vertex_shade", 0);
   const double begin = WallMs();
-  const absl::StatusOr<MeshExtent> extent = cpu::VertexShade(*member->host);
+  const absl::StatusOr<MeshExtent> extent = ShadeHostMesh(*member->host);
   if (!extent.ok()) return nullptr;
   member->stats.stages.emplace_back("vertex_shade", WallMs() - begin);
   const MeshSize size{item.mesh->triangles.size(), item.mesh->positions.size(), *extent};
@@ -160,7 +159,7 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
     member->box_voxels = BoxVoxels(member->host->view, grid);
     return member->box_voxels <= kMaxBoxVoxels ? std::move(member) : nullptr;
   }
-  if (cpu::PlainBits(*member->host, grid)) return member;
+  if (!ShadesFragments(*member->bound) && RowBitsFit(grid, member->triangles())) return member;
   member->path = BatchPath::kValues;
   if (!IsSmallForShaders(*member) || member->target_words() > kMaxTargetWords) return nullptr;
   member->box_voxels = BoxVoxels(member->host->view, grid);

@@ -3,7 +3,7 @@
 
 #include <memory>
 
-#include "cpu/run_state.h"
+#include "host_mesh/host_mesh.h"
 #include "pipeline/batch.h"
 #include "pipeline/planner.h"
 #include "pipeline/stages/bind.h"
@@ -20,7 +20,7 @@ enum class BatchPath {
 struct BatchMember {
   const BatchItem* item = nullptr;
   std::unique_ptr<BoundRequest> bound;
-  std::unique_ptr<cpu::RunState> host;  // refers to `bound`; its view shows the mesh after the vertex shader
+  std::unique_ptr<HostMesh> host;  // refers to `bound`; its view shows the mesh after the vertex shader
   Plan plan;
   VoxelizeStats stats;
   BatchPath path = BatchPath::kRows;

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <utility>
 
-#include "cpu/rows/row_bits.h"
 #include "cuda/plan/path_plan.h"
 #include "cuda/primitives/list_sizes.h"
 #include "cuda/primitives/span.h"
@@ -13,6 +12,7 @@
 #include "grid/bit_grid.h"
 #include "job/result.h"
 #include "pipeline/plan/footprint_parts.h"
+#include "raster/row_bits_fit.h"
 #include "raster/tiles.h"
 
 namespace voxelpipe::cuda {
@@ -190,7 +190,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     return DeviceSlabBytes(request, grid, mesh, MostOfSlab(surface, grid, layers), layers);
   };
   out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);
-  if (!PlainBits(request) || !cpu::RowBitsFit(grid, mesh.triangles)) {
+  if (!PlainBits(request) || !RowBitsFit(grid, mesh.triangles)) {
     out.slab_depth = EvenSlabDepth(grid.dims[2], out.slab_depth, MaxSlabLayers(grid.dims, GetSpanLimits().slab_bits));
   }
   const bool one_slab = out.slab_depth >= grid.dims[2];

@@ -1,10 +1,10 @@
 // Describes the targets of a request for kernels and for the path plan.
 #include <algorithm>
 
-#include "cpu/rows/row_bits.h"
 #include "cuda/run/run_state.h"
 #include "pipeline/stages/target_rules.h"
 #include "raster/filtered/fixed_point.h"
+#include "raster/row_bits_fit.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe::cuda {
@@ -101,7 +101,7 @@ PathInputs PathInputsOf(const RunState& state, const GridSpec& grid) {
     of.same_for_triangle = IsUniform(state, target);
   }
   in.triangles = state.host.view.triangle_count;
-  in.rows_fit = cpu::RowBitsFit(grid, in.triangles);
+  in.rows_fit = RowBitsFit(grid, in.triangles);
   if (in.triangles > 0 && in.coverage != Coverage::kCenter) {
     const IndexSpace space = grid.index_space();
     const Vec3d low = WorldToIndex(space, state.box.min), high = WorldToIndex(space, state.box.max);

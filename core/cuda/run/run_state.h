@@ -1,5 +1,5 @@
 // State of one run on a CUDA device, shared by its stages, in the order in which they fill it. Contains a
-// cpu::RunState, whose views show the mesh on the host.
+// HostMesh, whose views show the mesh on the host.
 //
 // Functions that take a RunState queue their work on state.stream. None synchronizes unless its comment says so.
 #pragma once
@@ -12,7 +12,6 @@
 #include <optional>
 #include <vector>
 
-#include "cpu/run_state.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/check.h"
 #include "cuda/device/device.h"
@@ -25,6 +24,7 @@
 #include "cuda/run/counters.h"
 #include "cuda/run/device_mesh.h"
 #include "cuda/run/slab_state.h"
+#include "host_mesh/host_mesh.h"
 #include "pipeline/stages/stages.h"
 
 namespace voxelpipe::cuda {
@@ -43,7 +43,7 @@ struct RunState {
   std::vector<std::shared_ptr<const CachedArray>> cached;
 
   // VertexShade
-  cpu::RunState host;  // its view shows the mesh before the vertex shader
+  HostMesh host;  // its view shows the mesh before the vertex shader
   DeviceMesh mesh;
   Box3d box;                  // world-space bounds of the vertices that triangles use
   bool shaded_there = false;  // vertices were shaded on the device; the host has no positions

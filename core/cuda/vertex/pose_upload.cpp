@@ -81,7 +81,7 @@ absl::StatusOr<const uint8_t*> UploadRest(RunState& state, const Block& block, D
 
 }  // namespace
 
-absl::Status UploadPose(RunState& state, const cpu::PosedMesh& posed, DevicePose& memory, VertexArgs& args) {
+absl::Status UploadPose(RunState& state, const PosedMesh& posed, DevicePose& memory, VertexArgs& args) {
   const std::vector<MeshPart>& parts = state.host.mesh.parts;
   Block rest;
   for (size_t i = 0; i < posed.parts.size(); ++i) AddRest(posed.parts[i].rest, parts[i].vertex_count, rest);

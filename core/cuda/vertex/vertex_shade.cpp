@@ -8,10 +8,10 @@
 #include <string>
 
 #include "absl/strings/str_cat.h"
-#include "cpu/measure/surface_sums.h"
 #include "cuda/device/mesh_cache.h"
 #include "cuda/device/mesh_uploads.h"
 #include "cuda/vertex/vertex_shade.h"
+#include "host_mesh/surface_sums.h"
 #include "mesh/content_id.h"
 #include "mesh/views/mips.h"
 #include "pipeline/plan/footprint_parts.h"
@@ -43,7 +43,7 @@ absl::Status UploadIf(RunState& state, bool wanted, bool kept, const char* part,
 }
 
 absl::Status UploadTextures(RunState& state) {
-  const cpu::RunState& host = state.host;
+  const HostMesh& host = state.host;
   DeviceMesh& mesh = state.mesh;
   std::vector<TextureView> textures = host.textures;
   mesh.images.resize(textures.size());
@@ -148,7 +148,7 @@ absl::Status MakeRoom(const RunState& state, DeviceArray<T>& to, T*& shaded) {
 }
 
 // Uploads the mesh unless it is cached, and runs the vertex shader.
-absl::Status ShadeOnDevice(RunState& state, const cpu::PosedMesh& posed, const cpu::VertexWork& work) {
+absl::Status ShadeOnDevice(RunState& state, const PosedMesh& posed, const VertexWork& work) {
   const MeshView& host = state.host.view;
   const auto shader = VertexShaderId(state.request.vertex_shader.id);
   const bool shading = AnyShading(state.request), poses = !posed.parts.empty();
@@ -214,22 +214,22 @@ bool WantsSums(const VoxelizeRequest& request) {
 }
 
 absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
-  cpu::RunState& host = state.host;
-  cpu::MakeViews(host);
-  absl::StatusOr<cpu::PosedMesh> posed = cpu::MakePose(host);
+  HostMesh& host = state.host;
+  MakeViews(host);
+  absl::StatusOr<PosedMesh> posed = MakePose(host);
   if (!posed.ok()) return posed.status();
-  const cpu::VertexWork work = cpu::WorkOf(host, *posed);
+  const VertexWork work = WorkOf(host, *posed);
   const bool empty = host.view.triangle_count == 0;
   if (empty || (!work.places && host.view.triangle_count < kMinMeasured)) {
     // Vertices do not change, so the box is that of the mesh itself.
-    absl::StatusOr<MeshExtent> extent = cpu::MeasureMesh(host);
+    absl::StatusOr<MeshExtent> extent = MeasureMesh(host);
     if (!extent.ok()) return extent.status();
     state.box = extent->box;
     VOXELPIPE_OK_OR_RETURN(ShadeOnDevice(state, *posed, work));
     extent->held_bytes = HeldBytes(state);
     if (WantsSums(state.request.request)) {
       const Vec3d centre = (extent->box.min + extent->box.max) * 0.5;
-      extent->sums = cpu::SumSurface(host.view, WindowOf(state.request.request.grid), centre);
+      extent->sums = SumSurface(host.view, WindowOf(state.request.request.grid), centre);
     }
     return extent;
   }
@@ -243,8 +243,8 @@ absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
     state.box = measured.box;
     return measured;
   }
-  VOXELPIPE_OK_OR_RETURN(cpu::ShadeVertices(host));
-  absl::StatusOr<MeshExtent> named = cpu::MeasureMesh(host);
+  VOXELPIPE_OK_OR_RETURN(ShadeVertices(host));
+  absl::StatusOr<MeshExtent> named = MeasureMesh(host);
   return named.ok()
              ? absl::InternalError("vertex shading: the device made a vertex that is not finite, the host did not")
              : named;

@@ -4,9 +4,9 @@
 #include <optional>
 
 #include "absl/status/statusor.h"
-#include "cpu/vertex_shade.h"
 #include "cuda/run/run_state.h"
 #include "cuda/vertex/vertex_args.h"
+#include "host_mesh/vertex_shade.h"
 
 namespace voxelpipe::cuda {
 
@@ -16,7 +16,7 @@ struct DevicePose {
 };
 
 // Uploads the mesh's primitives, unless cached, and the pose; sets the pose members of `args`. `posed` must have parts.
-absl::Status UploadPose(RunState& state, const cpu::PosedMesh& posed, DevicePose& memory, VertexArgs& args);
+absl::Status UploadPose(RunState& state, const PosedMesh& posed, DevicePose& memory, VertexArgs& args);
 
 // Launches the shader for all vertices.
 absl::Status RunVertexShader(const RunState& state, VertexShaderId shader, const VertexArgs& args);

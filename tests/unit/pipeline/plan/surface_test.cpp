@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "cpu/measure/surface_sums.h"
 #include "gtest/gtest.h"
+#include "host_mesh/surface_sums.h"
 #include "pipeline/stages/backend.h"
 #include "pipeline/stages/bind.h"
 #include "pipeline/stages/stages.h"
@@ -185,7 +185,7 @@ Surface Estimate(const TriangleMesh& mesh, const VoxelizeRequest& request) {
     }
     box.empty = false;
   }
-  size.extent.sums = cpu::SumSurface(view, WindowOf(request.grid), {});
+  size.extent.sums = SumSurface(view, WindowOf(request.grid), {});
   return EstimateSurface(request, *FitGrid(request.grid, size.extent.box), size);
 }
 

@@ -3,11 +3,11 @@
 
 #include <algorithm>
 
-#include "cpu/measure/measure_cells.h"
+#include "host_mesh/measure_cells.h"
 #include "raster/clipped_triangle.h"
 #include "raster/tiles.h"
 
-namespace voxelpipe::cpu {
+namespace voxelpipe {
 
 inline constexpr double kFlat = 1e-3;  // voxels: a triangle thinner than this along an axis lies in one plane
 
@@ -64,4 +64,4 @@ inline double PairsOf(const Touch& touch) {
   return tiles <= 8 ? tiles : std::min(tiles, 1.1 * average * planes);
 }
 
-}  // namespace voxelpipe::cpu
+}  // namespace voxelpipe

@@ -10,7 +10,7 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 
-namespace voxelpipe::cpu {
+namespace voxelpipe {
 
 // Calls body(begin, end) for chunks of at most `grain` of [0, count), in any order, checking the job before each chunk.
 // Out: OK, or the reason why the job ended; started chunks finish, the others never run.
@@ -31,4 +31,4 @@ absl::Status ParallelChunks(int64_t count, int64_t grain, const JobContext& job,
   return stop.load() ? job.Check() : absl::OkStatus();
 }
 
-}  // namespace voxelpipe::cpu
+}  // namespace voxelpipe

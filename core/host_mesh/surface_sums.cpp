@@ -1,11 +1,11 @@
-#include "cpu/measure/surface_sums.h"
+#include "host_mesh/surface_sums.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
 
 #include "raster/weighed_triangle.h"
 
-namespace voxelpipe::cpu {
+namespace voxelpipe {
 namespace {
 
 void AddTriangle(const TriangleScale& scale, const Vec3d& centre, const Vec3d& a, const Vec3d& b, const Vec3d& c,
@@ -42,4 +42,4 @@ SurfaceSums SumSurface(const MeshView& mesh, const GridWindow& window, const Vec
       });
 }
 
-}  // namespace voxelpipe::cpu
+}  // namespace voxelpipe

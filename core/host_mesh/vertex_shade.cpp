@@ -1,4 +1,6 @@
 // Vertex shading, and the views through which shaders read the mesh.
+#include "host_mesh/vertex_shade.h"
+
 #include <tbb/parallel_reduce.h>
 
 #include <algorithm>
@@ -7,11 +9,11 @@
 #include <memory>
 
 #include "absl/strings/str_cat.h"
-#include "cpu/base/parallel.h"
-#include "cpu/vertex_shade.h"
+#include "base/parallel.h"
 #include "mesh/views/material_views.h"
+#include "shaders/shader_list.h"
 
-namespace voxelpipe::cpu {
+namespace voxelpipe {
 namespace {
 
 constexpr int64_t kGrain = 1 << 14;
@@ -47,12 +49,27 @@ bool FewUnused(const TriangleMesh& mesh) {
   return mesh.unused_vertices && mesh.unused_vertices->size() < 64 + mesh.positions.size() / 8;
 }
 
+struct Bounds {
+  Box3d box;
+  bool finite = true;
+};
+
+// Of positions [begin, end), at least one. If one is not finite, the box is undefined.
+Bounds BoundsOf(const Vec3d* positions, uint64_t begin, uint64_t end) {
+  Vec3d min = positions[begin], max = min, odd{};  // odd: 0 while all are finite; x - x is NaN for NaN and infinity
+  for (uint64_t i = begin; i < end; ++i) {
+    for (int a = 0; a < 3; ++a) {
+      const double p = positions[i][a];
+      min[a] = Min(min[a], p);
+      max[a] = Max(max[a], p);
+      odd[a] += p - p;
+    }
+  }
+  return {{min, max, false}, odd.x + odd.y + odd.z == 0};
+}
+
 // The box of the used vertices, given the list of unused ones; false if a used one is not finite.
-bool BoundsByVertices(const RunState& state, Box3d& box) {
-  struct Bounds {
-    Box3d box;
-    bool finite = true;
-  };
+bool BoundsByVertices(const HostMesh& state, Box3d& box) {
   const std::vector<uint32_t>& unused = *state.mesh.unused_vertices;
   const Bounds all = tbb::parallel_reduce(
       tbb::blocked_range<uint64_t>(0, state.view.vertex_count, kGrain), Bounds{},
@@ -61,10 +78,9 @@ bool BoundsByVertices(const RunState& state, Box3d& box) {
         for (uint64_t begin = range.begin(); begin < range.end();) {
           const uint64_t end = skip == unused.end() ? range.end() : std::min<uint64_t>(range.end(), *skip);
           if (begin < end) {
-            Box3d here{.empty = false};
-            b.finite = state.kernels->bounds(state.view.positions, int64_t(begin), int64_t(end), here.min, here.max) &&
-                       b.finite;
-            b.box = Grow(Grow(b.box, here.min), here.max);
+            const Bounds here = BoundsOf(state.view.positions, begin, end);
+            b.finite = here.finite && b.finite;
+            b.box = Grow(Grow(b.box, here.box.min), here.box.max);
           }
           begin = end + 1;
           if (skip != unused.end()) ++skip;
@@ -79,7 +95,7 @@ bool BoundsByVertices(const RunState& state, Box3d& box) {
 }
 
 // The box of the vertices that triangles use.
-absl::StatusOr<Box3d> BoundsOfUsed(const RunState& state) {
+absl::StatusOr<Box3d> BoundsOfUsed(const HostMesh& state) {
   const MeshView& view = state.view;
   // The first invalid vertex by index, so that the message does not depend on scheduling.
   std::atomic<uint64_t> bad{UINT64_MAX};
@@ -119,7 +135,7 @@ std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex) {
   return absl::StrCat("vertex ", vertex);
 }
 
-void MakeViews(RunState& state) {
+void MakeViews(HostMesh& state) {
   const TriangleMesh& mesh = state.mesh;
   MaterialViews views = MakeMaterialViews(mesh);
   state.materials = std::move(views.materials);
@@ -162,7 +178,7 @@ void MakeViews(RunState& state) {
   view.texture_count = uint32_t(state.textures.size());
 }
 
-absl::StatusOr<PosedMesh> MakePose(const RunState& state) {
+absl::StatusOr<PosedMesh> MakePose(const HostMesh& state) {
   PosedMesh posed;
   const BoundShader& shader = state.request.vertex_shader;
   const bool morph = VertexShaderId(shader.id) == VertexShaderId::kMorph;
@@ -221,7 +237,7 @@ absl::StatusOr<PosedMesh> MakePose(const RunState& state) {
   return posed;
 }
 
-VertexWork WorkOf(const RunState& state, const PosedMesh& posed) {
+VertexWork WorkOf(const HostMesh& state, const PosedMesh& posed) {
   const auto id = VertexShaderId(state.request.vertex_shader.id);
   const bool poses = id == VertexShaderId::kMorph || id == VertexShaderId::kSkin;
   VertexWork work;
@@ -230,7 +246,7 @@ VertexWork WorkOf(const RunState& state, const PosedMesh& posed) {
   return work;
 }
 
-absl::Status ShadeVertices(RunState& state) {
+absl::Status ShadeVertices(HostMesh& state) {
   const BoundShader& shader = state.request.vertex_shader;
   const auto id = VertexShaderId(shader.id);
   absl::StatusOr<PosedMesh> posed = MakePose(state);
@@ -274,7 +290,7 @@ absl::Status ShadeVertices(RunState& state) {
   return s;
 }
 
-absl::StatusOr<MeshExtent> MeasureMesh(const RunState& state) {
+absl::StatusOr<MeshExtent> MeasureMesh(const HostMesh& state) {
   MeshExtent extent;
   if (!FewUnused(state.mesh) || !BoundsByVertices(state, extent.box)) {
     absl::StatusOr<Box3d> box = BoundsOfUsed(state);
@@ -290,10 +306,10 @@ absl::StatusOr<MeshExtent> MeasureMesh(const RunState& state) {
   return extent;
 }
 
-absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
+absl::StatusOr<MeshExtent> ShadeHostMesh(HostMesh& state) {
   MakeViews(state);
   if (absl::Status s = ShadeVertices(state); !s.ok()) return s;
   return MeasureMesh(state);
 }
 
-}  // namespace voxelpipe::cpu
+}  // namespace voxelpipe

@@ -8,7 +8,7 @@
 #include "mesh/views/mesh_view.h"
 #include "pipeline/plan/surface.h"
 
-namespace voxelpipe::cpu {
+namespace voxelpipe {
 
 // In: a mesh with finite positions, whose triangles lie in world space; the grid. Out: the estimate of surface.h, each
 // triangle clipped to the grid. The estimate starts from the average over all positions of the grid and is corrected by
@@ -18,4 +18,4 @@ namespace voxelpipe::cpu {
 absl::StatusOr<Surface> MeasureSurface(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
                                        const JobContext& job);
 
-}  // namespace voxelpipe::cpu
+}  // namespace voxelpipe

@@ -14,7 +14,7 @@
 #include "raster/spans.h"
 #include "raster/triangle_setup.h"
 
-namespace voxelpipe::cpu {
+namespace voxelpipe {
 
 inline constexpr double kTie = kNarrowWidening;  // voxels: the widening of coverage is at most this
 inline constexpr double kReach = 0x1p40;         // voxels: a run refuses vertices beyond
@@ -126,4 +126,4 @@ class Cells {
   std::unique_ptr<std::atomic<uint64_t>[]> bits_;
 };
 
-}  // namespace voxelpipe::cpu
+}  // namespace voxelpipe

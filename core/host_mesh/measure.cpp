@@ -1,7 +1,7 @@
 // Sources: the Minkowski sum of a triangle and a box (surface.cpp) for the average number of voxels that a triangle
 // touches, raster/clipped_triangle.h for its part in the grid. What averages miss - vertices on voxel corners, faces in
 // the grid's planes, thin coverage, coinciding surfaces - is counted exactly in samples.
-#include "cpu/measure/measure.h"
+#include "host_mesh/measure.h"
 
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_reduce.h>
@@ -15,13 +15,13 @@
 #include <utility>
 #include <vector>
 
-#include "cpu/base/parallel.h"
-#include "cpu/measure/measure_cells.h"
-#include "cpu/measure/measure_touch.h"
+#include "base/parallel.h"
+#include "host_mesh/measure_cells.h"
+#include "host_mesh/measure_touch.h"
 #include "raster/spans.h"
 #include "raster/tiles.h"
 
-namespace voxelpipe::cpu {
+namespace voxelpipe {
 namespace {
 
 constexpr int64_t kGrain = 1 << 12;
@@ -473,4 +473,4 @@ absl::StatusOr<Surface> MeasureSurface(const MeshView& mesh, const VoxelizeReque
   return Measurer(mesh, request, grid, job).Run();
 }
 
-}  // namespace voxelpipe::cpu
+}  // namespace voxelpipe
