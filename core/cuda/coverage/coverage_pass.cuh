@@ -313,7 +313,6 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
   const BitArgs& walk = args.walk;
   if (threadIdx.x == 0) room.octant_count = room.row_count = room.waiting_count = room.turn = 0;
   __syncthreads();
-  const bool fixed = walk.fixed.bits > 0 && walk.coverage != Coverage::kCenter;
   // Ids are never negative.
   const bool plain =
       kSink == CellSink::kBlend && args.blend.negative != nullptr && (kShader >= 0 || *args.blend.negative == 0);
@@ -329,21 +328,11 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     const auto t = uint32_t(number);
     const Fetched<kPacked> fetched = TakeStaged<kPacked>(t, staged);
     if (round + 1 < walk.rounds && then < count) StageCorners<kPacked>(walk, uint32_t(then), staged);
-    CellFate fate = CellFate::kDone;
     FixedTriangle triangle{};
     uint32_t octants = 0;
-    if (number < count) {
-      fate = fixed ? FindFate<kThin>(walk, fetched, triangle, octants) : FindQueue(walk, t);
-      if (fate == CellFate::kRows && !IsBlock(walk, triangle.box)) fate = CellFate::kLayers;
-    }
-    __syncwarp();
-    DecideRuns<kThin>(walk, triangle, fate, octants);
-    if (__popc(__ballot_sync(~0u, fate == CellFate::kOctants)) >= kManyOctants) {
-      if (fate == CellFate::kOctants) {
-        fate = FindOctants<kThin>(walk, triangle, octants) ? CellFate::kDone : CellFate::kLayers;
-      }
-      __syncwarp();
-    }
+    CellFate fate = FindFirst<kThin>(
+        walk, number < count, fetched, [t] { return t; }, triangle, octants);
+    if (fate == CellFate::kRows && !IsBlock(walk, triangle.box)) fate = CellFate::kLayers;
     TakeOctants<kSink, kShader, kPacked>(args, own, plain, !kPacked, fate == CellFate::kDone && number < count, t,
                                          number, triangle.box.first, octants, fragments);
     AppendInBlock(fate == CellFate::kOctants, local, room.cells, 1, &room.octant_count);
@@ -352,47 +341,46 @@ __global__ void __launch_bounds__(kFindThreads, kFindBlocks) FindCells(const __g
     AppendInBlock(fate == CellFate::kLayers || fate == CellFate::kLarge, local, room.waiting, 1, &room.waiting_count);
   }
   __syncthreads();
-  // Dynamic scheduling of the remaining work over warps: rows first, since they take longest.
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
-  const uint32_t row_turns = (row_count + 31) / 32, turns = row_turns + (octant_count + 31) / 32;
-  for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
-    bool doubtful = false;
-    uint32_t local = 0;
-    if (turn < row_turns) {
-      const uint32_t i = turn * 32 + threadIdx.x % 32;
-      FoundBlock found;
-      __syncwarp();  // the table aliases shared memory that is read above
-      if (i < row_count) {
-        local = room.cells[FindRoom<kSink>::kTriangles - 1 - int(i)];
-        doubtful = !TakeBlock<kThin, kSink, kShader, kPacked>(args, uint32_t(chunk + local), chunk + local,
-                                                              &own.table[0][threadIdx.x % 32], fragments, found);
-      }
-      __syncwarp();
-      if constexpr (kSink == CellSink::kPool) BlendBlockInPool(args.pool, found.first, found.mask, found.key[0]);
-      if constexpr (kSink == CellSink::kBlend) {
-        const GridView& grid = walk.grid;
-        if (found.mask != 0) {
-          const uint32_t bit = BitOfVoxel(grid, found.first[0], found.first[1], found.first[2] + int(grid.slab_begin));
-          BlendBlock(args, bit, found.mask, found.key[0] ^ (plain ? 0x80000000u : 0));
-        }
-      }
-    } else {
-      const uint32_t i = (turn - row_turns) * 32 + threadIdx.x % 32;
-      uint32_t t = 0, octants = 0;
-      FixedTriangle triangle{};
-      if (i < octant_count) {
-        local = room.cells[i];
-        t = uint32_t(chunk + local);
-        triangle.v = LoadFixed<kPacked>(walk, t);
-        triangle.box = BoxOf(triangle.v.at, walk.fixed);
-        doubtful = !FindOctants<kThin>(walk, triangle, octants);
-      }
-      __syncwarp();
-      TakeOctants<kSink, kShader, kPacked>(args, own, plain, false, i < octant_count && !doubtful, t, chunk + local,
-                                           triangle.box.first, octants, fragments);
+  const auto take_rows = [&](uint32_t i, uint32_t& local) {
+    bool uncertain = false;
+    FoundBlock found;
+    __syncwarp();  // the table aliases shared memory that is read above
+    if (i < row_count) {
+      local = room.cells[FindRoom<kSink>::kTriangles - 1 - int(i)];
+      uncertain = !TakeBlock<kThin, kSink, kShader, kPacked>(args, uint32_t(chunk + local), chunk + local,
+                                                             &own.table[0][threadIdx.x % 32], fragments, found);
     }
-    AppendInBlock(doubtful, local, room.waiting, 1, &room.waiting_count);
-  }
+    __syncwarp();
+    if constexpr (kSink == CellSink::kPool) BlendBlockInPool(args.pool, found.first, found.mask, found.key[0]);
+    if constexpr (kSink == CellSink::kBlend) {
+      const GridView& grid = walk.grid;
+      if (found.mask != 0) {
+        const uint32_t bit = BitOfVoxel(grid, found.first[0], found.first[1], found.first[2] + int(grid.slab_begin));
+        BlendBlock(args, bit, found.mask, found.key[0] ^ (plain ? 0x80000000u : 0));
+      }
+    }
+    return uncertain;
+  };
+  const auto take_octants = [&](uint32_t i, uint32_t& local) {
+    bool uncertain = false;
+    uint32_t t = 0, octants = 0;
+    FixedTriangle triangle{};
+    if (i < octant_count) {
+      local = room.cells[i];
+      t = uint32_t(chunk + local);
+      triangle.v = LoadFixed<kPacked>(walk, t);
+      triangle.box = BoxOf(triangle.v.at, walk.fixed);
+      uncertain = !FindOctants<kThin>(walk, triangle, octants);
+    }
+    __syncwarp();
+    TakeOctants<kSink, kShader, kPacked>(args, own, plain, false, i < octant_count && !uncertain, t, chunk + local,
+                                         triangle.box.first, octants, fragments);
+    return uncertain;
+  };
+  TakeTurns(room.turn, row_count, octant_count, take_rows, take_octants, [&](bool uncertain, uint32_t local) {
+    AppendInBlock(uncertain, local, room.waiting, 1, &room.waiting_count);
+  });
   __syncthreads();
   QueueWaiting(walk, room.waiting, room.waiting_count, room.first, [&](uint32_t local) {
     const uint64_t number = chunk + local;

@@ -26,11 +26,11 @@ struct FewRoom : CellLists<kCellThreads / kRowLanes> {
   __device__ void PassOn(uint32_t number) { this->later[SharedAdd(&this->layer_count, 1)] = uint16_t(number); }
 };
 
-// Processes a warp's work item of triangles by rows, with kRowLanes lanes each. Returns true to one lane of each
-// triangle for which the filter is uncertain.
+// Processes part at % kRowLanes of the rows of a listed triangle. Returns true to one lane of each triangle for which
+// the filter is uncertain. All threads of a warp call it.
 template <bool kThin, int kRowLanes>
-__device__ inline bool TurnOfRows(const BitArgs& args, uint32_t turn, FewRoom<kRowLanes>& room, uint32_t& number) {
-  const uint32_t at = turn * 32 + threadIdx.x % 32, i = at / kRowLanes, part = at % kRowLanes;
+__device__ inline bool TakeFewRows(const BitArgs& args, uint32_t at, FewRoom<kRowLanes>& room, uint32_t& number) {
+  const uint32_t i = at / kRowLanes, part = at % kRowLanes;
   bool doubtful = false;
   if (i < room.row_count) {
     number = room.RowNumber(i);
@@ -45,11 +45,10 @@ __device__ inline bool TurnOfRows(const BitArgs& args, uint32_t turn, FewRoom<kR
   return doubtful && part == 0;
 }
 
-// Processes a work item of triangles that need 2x2x2 tests, with one lane each.
+// Processes the i-th of the triangles that need 2x2x2 tests. All threads of a warp call it.
 template <bool kThin, int kRowLanes>
-__device__ inline bool TurnOfOctants(const BitArgs& args, uint32_t turn, const FewRoom<kRowLanes>& room,
-                                     uint32_t& number) {
-  const uint32_t i = turn * 32 + threadIdx.x % 32;
+__device__ inline bool TakeFewOctants(const BitArgs& args, uint32_t i, const FewRoom<kRowLanes>& room,
+                                      uint32_t& number) {
   bool doubtful = false;
   uint32_t octants = 0;
   FixedTriangle t{};
@@ -97,15 +96,14 @@ __device__ inline void WalkFew(const BitArgs& args, uint32_t chunk, FewRoom<kRow
   if (in_doubt) room.PassOn(mine);
   if (octants != 0) SetOctants(args, triangle.box.first, octants);
   __syncwarp();
-  // Dynamic scheduling of the remaining work over warps: rows first, since they take longest.
-  const uint32_t row_turns = (room.row_count * kRowLanes + 31) / 32, turns = row_turns + (room.octant_count + 31) / 32;
-  for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
-    uint32_t number = 0;
-    const bool doubtful = turn < row_turns ? TurnOfRows<kThin>(args, turn, room, number)
-                                           : TurnOfOctants<kThin>(args, turn - row_turns, room, number);
-    if (doubtful) room.PassOn(number);
-    __syncwarp();
-  }
+  TakeTurns(
+      room.turn, room.row_count * kRowLanes, room.octant_count,
+      [&](uint32_t at, uint32_t& number) { return TakeFewRows<kThin>(args, at, room, number); },
+      [&](uint32_t i, uint32_t& number) { return TakeFewOctants<kThin>(args, i, room, number); },
+      [&](bool uncertain, uint32_t number) {
+        if (uncertain) room.PassOn(number);
+        __syncwarp();
+      });
   __syncthreads();
   if (room.layer_count + room.large_count == 0) return;
   QueueLater<false>(args, room, [begin](uint32_t number) { return begin + number; });

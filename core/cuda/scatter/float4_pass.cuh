@@ -152,23 +152,25 @@ __global__ void __launch_bounds__(kFourThreads, kFourBlocks) BlendFours(const __
                     1, &room.waiting_count);
     }
     __syncthreads();
-    const uint32_t row_count = room.row_count, turns = (row_count + 31) / 32;
-    for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
-      const uint32_t i = turn * 32 + lane;
-      bool doubtful = false;
-      uint32_t local = 0;
+    const uint32_t row_count = room.row_count;
+    const auto take_rows = [&](uint32_t i, uint32_t& local) {
+      bool uncertain = false;
       if (i < row_count) {
         local = room.waiting[0][i];
         int voxel[3];
         uint64_t mask = 0;
-        doubtful = !FindBlock<kThin, false>(walk, chunk + local, &room.table[warp][0][lane], voxel, mask);
+        uncertain = !FindBlock<kThin, false>(walk, chunk + local, &room.table[warp][0][lane], voxel, mask);
         fragments += uint32_t(__popcll(mask));
         const uint32_t first[3] = {uint32_t(voxel[0]), uint32_t(voxel[1]), uint32_t(voxel[2]) - slab_begin};
         if (mask != 0) BlendBlockOfFours(args.four, first, mask, FourKeysOf<kShader>(args.four.blend, chunk + local));
       }
       __syncwarp();
-      AppendInBlock(doubtful, local, room.waiting[1], 1, &room.waiting_count);
-    }
+      return uncertain;
+    };
+    const auto no_octants = [](uint32_t, uint32_t&) { return false; };
+    TakeTurns(room.turn, row_count, 0, take_rows, no_octants, [&](bool uncertain, uint32_t local) {
+      AppendInBlock(uncertain, local, room.waiting[1], 1, &room.waiting_count);
+    });
     __syncthreads();
     QueueWaiting(walk, room.waiting[1], room.waiting_count, room.first,
                  [&](uint32_t number) { return chunk + number; });

@@ -249,6 +249,22 @@ __device__ inline uint32_t NextTurn(uint32_t& turn) {
   return __shfl_sync(~0u, mine, 0);
 }
 
+// The second step of a block: shares its listed triangles among its warps, a lane each; rows first, since they take
+// longest. take_rows(i, number) and take_octants(i, number) process the i-th listed triangle, if there is one, set its
+// number in the block and return true if the filter is uncertain; defer(uncertain, number) keeps it for another kernel.
+// All threads of a warp call each of them.
+template <typename TakeRows, typename TakeOctants, typename Defer>
+__device__ inline void TakeTurns(uint32_t& turn, uint32_t rows, uint32_t octants, TakeRows&& take_rows,
+                                 TakeOctants&& take_octants, Defer&& defer) {
+  const uint32_t row_turns = (rows + 31) / 32, turns = row_turns + (octants + 31) / 32, lane = threadIdx.x % 32;
+  for (uint32_t next = NextTurn(turn); next < turns; next = NextTurn(turn)) {
+    uint32_t number = 0;
+    const bool uncertain =
+        next < row_turns ? take_rows(next * 32 + lane, number) : take_octants((next - row_turns) * 32 + lane, number);
+    defer(uncertain, number);
+  }
+}
+
 // Packs a 2x2x2 mask and its first voxel into 64 bits; fixed-point voxel coordinates have 16 bits.
 __device__ inline uint2 PackOctants(const int (&first)[3], uint32_t octants) {
   return {(uint32_t(first[0]) & 0xffff) | uint32_t(first[1]) << 16, (uint32_t(first[2]) & 0xffff) | octants << 16};
@@ -429,35 +445,34 @@ __device__ inline void WalkCells(const BitArgs& args, uint64_t chunk, CellRoomFo
     SetFound<kSink>(args, i < kept ? found[i] : uint2{0, 0}, room);
   }
   __syncthreads();
-  // Dynamic scheduling of the remaining work over warps: rows first, since they take longest.
   const uint32_t octant_count = room.octant_count, row_count = room.row_count;
-  const uint32_t row_turns = (row_count + 31) / 32, turns = row_turns + (octant_count + 31) / 32;
-  for (uint32_t turn = NextTurn(room.turn); turn < turns; turn = NextTurn(room.turn)) {
-    bool doubtful = false;
-    uint32_t number = 0;
-    if (turn < row_turns) {
-      const uint32_t i = turn * 32 + threadIdx.x % 32;
-      if (i < row_count) {
-        number = room.RowNumber(i);
-        const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, uint32_t(begin + number));
-        doubtful = !WalkCellRows<kThin, kPacked, kSink>(args, of_rows, &room.table[0][threadIdx.x]);
-      }
-      __syncwarp();
-    } else {
-      const uint32_t i = (turn - row_turns) * 32 + threadIdx.x % 32;
-      uint32_t octants = 0;
-      FixedTriangle triangle{};
-      if (i < octant_count) {
-        number = room.cells[i];
-        triangle.v = LoadFixed(args, FetchNow<kPacked>(args, uint32_t(begin + number)));
-        triangle.box = BoxOf(triangle.v.at, args.fixed);
-        doubtful = !FindOctants<kThin>(args, triangle, octants);
-      }
-      __syncwarp();
-      SetFound<kSink>(args, PackFound<kSink>(triangle.box.first, octants), room);
+  const auto take_rows = [&](uint32_t i, uint32_t& number) {
+    bool uncertain = false;
+    if (i < row_count) {
+      number = room.RowNumber(i);
+      const Fetched<kPacked> of_rows = FetchNow<kPacked>(args, uint32_t(begin + number));
+      uncertain = !WalkCellRows<kThin, kPacked, kSink>(args, of_rows, &room.table[0][threadIdx.x]);
     }
-    AppendInBlock(doubtful, number, room.later, 1, &room.layer_count);
-  }
+    __syncwarp();
+    return uncertain;
+  };
+  const auto take_octants = [&](uint32_t i, uint32_t& number) {
+    bool uncertain = false;
+    uint32_t octants = 0;
+    FixedTriangle triangle{};
+    if (i < octant_count) {
+      number = room.cells[i];
+      triangle.v = LoadFixed(args, FetchNow<kPacked>(args, uint32_t(begin + number)));
+      triangle.box = BoxOf(triangle.v.at, args.fixed);
+      uncertain = !FindOctants<kThin>(args, triangle, octants);
+    }
+    __syncwarp();
+    SetFound<kSink>(args, PackFound<kSink>(triangle.box.first, octants), room);
+    return uncertain;
+  };
+  TakeTurns(room.turn, row_count, octant_count, take_rows, take_octants, [&](bool uncertain, uint32_t number) {
+    AppendInBlock(uncertain, number, room.later, 1, &room.layer_count);
+  });
   __syncthreads();
   QueueLater<kPacked>(args, room, [&](uint32_t number) { return number_at(begin + number); });
 }
