@@ -7,6 +7,7 @@
 #include "many_call.h"
 #include "mesh_calls.h"
 #include "raw_calls.h"
+#include "retry.h"
 #include "voxelize_call.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/request.h"
@@ -22,6 +23,25 @@ constexpr std::chrono::seconds kQuickCall{10};
 absl::Status NoMeshId() {
   return absl::InvalidArgumentError("mesh_id: is empty");
 }
+
+using OnPlan = std::function<void(const Plan&)>;
+
+// Passes a result on, and tells if the sink has received any of it.
+class WatchedSink final : public ResultSink {
+ public:
+  explicit WatchedSink(ResultSink& sink) : sink_(sink) {}
+  bool used() const { return used_; }
+
+  absl::Status Begin(const ResultHeader& header) override {
+    used_ = true;
+    return sink_.Begin(header);
+  }
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override { return sink_.Write(array, bytes); }
+
+ private:
+  ResultSink& sink_;
+  bool used_ = false;
+};
 
 }  // namespace
 
@@ -43,7 +63,29 @@ struct Client::Impl {
     return CallStatus((stub.*method)(&context, request, &response), job, target);
   }
 
+  absl::StatusOr<RemoteResult> Voxelize(const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
+                                        const OnPlan& on_plan) {
+    return CallWithRetries(options.retries, job, [&] {
+      return CallVoxelize(*service, ways, target, options.max_result_bytes, options.settings, mesh, request, job,
+                          on_plan);
+    });
+  }
+
+  absl::StatusOr<RemoteRun> VoxelizeTo(const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
+                                       ResultSink& sink, const OnPlan& on_plan) {
+    WatchedSink watched(sink);
+    const auto attempt = [&] {
+      return CallVoxelizeTo(*service, ways, target, options.max_result_bytes, options.settings, mesh, request, job,
+                            watched, on_plan);
+    };
+    return CallWithRetries(options.retries, job, attempt, [&] { return !watched.used(); });
+  }
+
   absl::StatusOr<Estimated> Estimate(const v1::EstimateVoxelizationRequest& request, const JobContext& job) const {
+    return CallWithRetries(options.retries, job, [&] { return EstimateOnce(request, job); });
+  }
+
+  absl::StatusOr<Estimated> EstimateOnce(const v1::EstimateVoxelizationRequest& request, const JobContext& job) const {
     if (absl::Status status = job.Check(); !status.ok()) return status;
     grpc::ClientContext context;
     const CallWatch watch(context, job);
@@ -79,15 +121,13 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& targe
 absl::StatusOr<RemoteResult> Client::Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                               const VoxelizeRequest& request, const JobContext& job,
                                               const std::function<void(const Plan&)>& on_plan) {
-  return CallVoxelize(*impl_->service, impl_->ways, impl_->target, impl_->options.max_result_bytes,
-                      impl_->options.settings, MeshSource::File(mesh_bytes, format), request, job, on_plan);
+  return impl_->Voxelize(MeshSource::File(mesh_bytes, format), request, job, on_plan);
 }
 
 absl::StatusOr<RemoteRun> Client::VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                              const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                              const std::function<void(const Plan&)>& on_plan) {
-  return CallVoxelizeTo(*impl_->service, impl_->ways, impl_->target, impl_->options.max_result_bytes,
-                        impl_->options.settings, MeshSource::File(mesh_bytes, format), request, job, sink, on_plan);
+  return impl_->VoxelizeTo(MeshSource::File(mesh_bytes, format), request, job, sink, on_plan);
 }
 
 std::unique_ptr<ManyStream> Client::OpenMany(const JobContext& job, size_t window) {
@@ -96,15 +136,15 @@ std::unique_ptr<ManyStream> Client::OpenMany(const JobContext& job, size_t windo
 
 absl::StatusOr<StoredMesh> Client::UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                               const JobContext& job) {
-  return CallUploadMesh(*impl_->ways.raw, impl_->target, mesh_bytes, format, job);
+  return CallWithRetries(impl_->options.retries, job,
+                         [&] { return CallUploadMesh(*impl_->ways.raw, impl_->target, mesh_bytes, format, job); });
 }
 
 absl::StatusOr<RemoteResult> Client::VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,
                                                     const JobContext& job, std::span<const float> new_positions,
                                                     const std::function<void(const Plan&)>& on_plan) {
   if (mesh_id.empty()) return NoMeshId();
-  return CallVoxelize(*impl_->service, impl_->ways, impl_->target, impl_->options.max_result_bytes,
-                      impl_->options.settings, MeshSource::Stored(mesh_id, new_positions), request, job, on_plan);
+  return impl_->Voxelize(MeshSource::Stored(mesh_id, new_positions), request, job, on_plan);
 }
 
 absl::StatusOr<RemoteRun> Client::VoxelizeStoredTo(const std::string& mesh_id, const VoxelizeRequest& request,
@@ -112,9 +152,7 @@ absl::StatusOr<RemoteRun> Client::VoxelizeStoredTo(const std::string& mesh_id, c
                                                    std::span<const float> new_positions,
                                                    const std::function<void(const Plan&)>& on_plan) {
   if (mesh_id.empty()) return NoMeshId();
-  return CallVoxelizeTo(*impl_->service, impl_->ways, impl_->target, impl_->options.max_result_bytes,
-                        impl_->options.settings, MeshSource::Stored(mesh_id, new_positions), request, job, sink,
-                        on_plan);
+  return impl_->VoxelizeTo(MeshSource::Stored(mesh_id, new_positions), request, job, sink, on_plan);
 }
 
 absl::StatusOr<StoredMesh> Client::GetMesh(const std::string& mesh_id) {

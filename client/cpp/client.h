@@ -36,7 +36,11 @@ struct ConnectOptions {
   std::string token;                        // sent with each call: `authorization: Bearer TOKEN`; empty: none
   std::chrono::milliseconds timeout{5000};  // for connecting
   uint64_t max_result_bytes = 64ull << 30;  // larger announced results are refused
-  CallSettings settings;                    // for the results of all calls
+  // How often Voxelize..., UploadMesh and Estimate... are repeated if the server refused them for a while (after the
+  // time that it returned), became unavailable or lost the connection. Never beyond the job's deadline or after
+  // Cancel().
+  int retries = 2;
+  CallSettings settings;  // for the results of all calls
 };
 
 // How a server ran a job.
@@ -131,19 +135,19 @@ class Client {
 
   // In: the bytes of a self-contained mesh file (ReadAndPackMeshFile) and a request. `job`: Cancel() ends the call
   // within some ten milliseconds and the server's work with it; the deadline is sent with the call; Progress is called
-  // with "upload", the server's stage names and "download", from one thread at a time. `on_plan`, if set, is called
-  // once, on the calling thread, before the result comes. Errors: the server's (see Voxelize in pipeline/voxelize.h);
-  // CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS if the result fails its checks (offsets, lengths, CRC-32C of every piece,
-  // SHA-256 of the whole, sizes against the request; for sparse and bucketed results also the consistency of the lists,
-  // see list_check.h).
+  // with "upload", the server's stage names and "download", from one thread at a time. `on_plan`, if set, is called on
+  // the calling thread before the result comes, once for each attempt (ConnectOptions::retries). Errors: the server's
+  // (see Voxelize in pipeline/voxelize.h); CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS if the result fails its checks
+  // (offsets, lengths, CRC-32C of every piece, SHA-256 of the whole, sizes against the request; for sparse and bucketed
+  // results also the consistency of the lists, see list_check.h).
   absl::StatusOr<RemoteResult> Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                         const VoxelizeRequest& request, const JobContext& job,
                                         const std::function<void(const Plan&)>& on_plan = {});
 
   // The same for a result that need not fit into memory: `sink` receives it as it arrives, on the calling thread; its
-  // errors end the call and are returned. The SHA-256 is checked only after all bytes were written, so they are valid
-  // only if this returns OK (each piece has passed its CRC-32C). The consistency of the lists of sparse and bucketed
-  // results is not checked. Sink::Keep is not called.
+  // errors end the call and are returned. The call is not repeated once the sink has received anything. The SHA-256 is
+  // checked only after all bytes were written, so they are valid only if this returns OK (each piece has passed its
+  // CRC-32C). The consistency of the lists of sparse and bucketed results is not checked. Sink::Keep is not called.
   absl::StatusOr<RemoteRun> VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                        const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                        const std::function<void(const Plan&)>& on_plan = {});

@@ -84,8 +84,8 @@ absl::StatusOr<BatchResult> Run(const BatchPlan& plan) {
   RemoveLeftovers(plan.output_dir, plan.items);
   ProgressBar bar;
   BatchHooks hooks;
-  // CheckServerOption has passed: an engine can be made.
-  hooks.make_engine = [](const std::string& server) { return *MakeEngine(server); };
+  // CheckServerOption has passed: an engine can be made. No retries: the item may run on another server at once.
+  hooks.make_engine = [](const std::string& server) { return *MakeEngine(server, /*retries=*/0); };
   hooks.stop_signal = &InterruptSignal;
   hooks.retry_delay = &RetryDelayOf;
   hooks.could_not_connect = &CouldNotConnect;

@@ -16,15 +16,16 @@
 namespace voxelpipe::cli {
 namespace {
 
-absl::StatusOr<std::unique_ptr<Client>> ConnectTo(const std::string& target) {
-  const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
+absl::StatusOr<std::unique_ptr<Client>> ConnectTo(const std::string& target, int retries = 0) {
+  absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
   if (!options.ok()) return options.status();
+  options->retries = retries;
   return Client::Connect(target, *options);
 }
 
 class RemoteEngine : public Engine {
  public:
-  explicit RemoteEngine(std::string target) : target_(std::move(target)) {}
+  RemoteEngine(std::string target, int retries) : target_(std::move(target)), retries_(retries) {}
 
   absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
                                 ResultSink& sink, VoxelizeResult* whole) override {
@@ -67,13 +68,14 @@ class RemoteEngine : public Engine {
  private:
   absl::Status Connect() {
     if (client_ != nullptr) return absl::OkStatus();
-    absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target_);
+    absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target_, retries_);
     if (!client.ok()) return client.status();
     client_ = *std::move(client);
     return absl::OkStatus();
   }
 
   std::string target_;
+  int retries_;
   std::unique_ptr<Client> client_;
 };
 
@@ -141,8 +143,8 @@ std::string ServerTable(const std::string& target, const ServerDescription& serv
 
 }  // namespace
 
-std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target) {
-  return std::make_unique<RemoteEngine>(target);
+std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target, int retries) {
+  return std::make_unique<RemoteEngine>(target, retries);
 }
 
 absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::string& path, const OutsideFiles& outside,

@@ -25,7 +25,7 @@ absl::StatusOr<std::string> DescribeServer(const std::string& server, bool) {
   return CheckServerOption(server);
 }
 
-std::unique_ptr<Engine> MakeRemoteEngine(const std::string&) {
+std::unique_ptr<Engine> MakeRemoteEngine(const std::string&, int) {
   return nullptr;
 }
 
@@ -39,9 +39,9 @@ bool CouldNotConnect(const absl::Status&) {
 
 #endif
 
-absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server) {
+absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server, int retries) {
   if (absl::Status status = CheckServerOption(server); !status.ok()) return status;
-  return server.empty() ? MakeLocalEngine() : MakeRemoteEngine(server);
+  return server.empty() ? MakeLocalEngine() : MakeRemoteEngine(server, retries);
 }
 
 }  // namespace voxelpipe::cli

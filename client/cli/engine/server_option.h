@@ -28,8 +28,9 @@ struct MeshFacts {
 // UNIMPLEMENTED if a server is named and this build has no service.
 absl::Status CheckServerOption(const std::string& server);
 
-// The engine for a server, or the core in this process if `server` is empty. Errors: those of CheckServerOption.
-absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server);
+// The engine for a server, or the core in this process if `server` is empty. `retries`: how often a call is repeated that
+// the server refused for a while. Errors: those of CheckServerOption.
+absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server, int retries = 2);
 
 // The server's report on the mesh file at `path`.
 absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string& path, const OutsideFiles& outside,
@@ -45,6 +46,6 @@ std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status
 bool CouldNotConnect(const absl::Status& status);
 
 // For server_option.cpp: an engine that calls a server. Connects at first use.
-std::unique_ptr<Engine> MakeRemoteEngine(const std::string& server);
+std::unique_ptr<Engine> MakeRemoteEngine(const std::string& server, int retries);
 
 }  // namespace voxelpipe::cli

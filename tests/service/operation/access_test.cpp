@@ -71,6 +71,7 @@ class AccessTest : public ::testing::Test {
     options.timeout = kPatience;
     options.tls = std::move(tls);
     options.token = token;
+    options.retries = 0;
     return Client::Connect(server_->address(), options);
   }
   // The status of a small job on a connection that stands, or of the connection.

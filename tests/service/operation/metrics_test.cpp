@@ -46,6 +46,7 @@ class MetricsPathTest : public ::testing::Test {
     options.timeout = kPatience;
     options.token = token_;
     options.settings = settings;
+    options.retries = 0;
     auto client = Client::Connect(server_->address(), options);
     EXPECT_TRUE(client.ok()) << client.status();
     return client.ok() ? *std::move(client) : nullptr;

@@ -65,6 +65,7 @@ class RightsTest : public ::testing::Test {
     ConnectOptions options;
     options.timeout = kPatience;
     options.token = "token-of-the-" + name;
+    options.retries = 0;
     auto client = Client::Connect(server_->address(), options);
     EXPECT_TRUE(client.ok()) << client.status();
     return client.ok() ? *std::move(client) : nullptr;

@@ -191,6 +191,7 @@ std::unique_ptr<ServerProcess> StartServer(const std::vector<std::string>& argum
 std::unique_ptr<Client> ConnectTo(const ServerProcess& server) {
   ConnectOptions options;
   options.timeout = kPatience;
+  options.retries = 0;  // tests want the first outcome
   absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(server.address(), options);
   EXPECT_TRUE(client.ok()) << client.status();
   return client.ok() ? *std::move(client) : nullptr;
