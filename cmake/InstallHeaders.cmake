@@ -1,0 +1,28 @@
+# Run by `cmake --install`: copies `headers`, and all that they include in quotes, from `roots` to `destination` below
+# the prefix. In the copies "mesh/report.h" is "voxelpipe/mesh/report.h", so that no folder of ours is in anybody's
+# include path.
+cmake_policy(VERSION 3.25)
+
+set(found)
+while(headers)
+  list(POP_FRONT headers header)
+  if(header IN_LIST found)
+    continue()
+  endif()
+  list(APPEND found ${header})
+  find_file(source ${header} PATHS ${roots} NO_DEFAULT_PATH NO_CACHE REQUIRED)
+  file(READ ${source} text)
+  unset(source)
+  string(REGEX MATCHALL "#include \"[^\"]+\"" lines "${text}")
+  foreach(line ${lines})
+    string(REGEX REPLACE "#include \"(.+)\"" "\\1" name ${line})
+    if(NOT name MATCHES "^absl/")
+      list(APPEND headers ${name})
+      string(REPLACE "#include \"${name}\"" "#include \"voxelpipe/${name}\"" text "${text}")
+    endif()
+  endforeach()
+  set(path ${CMAKE_INSTALL_PREFIX}/${destination}/${header})
+  message(STATUS "Installing: $ENV{DESTDIR}${path}")
+  file(WRITE $ENV{DESTDIR}${path} "${text}")
+  list(APPEND CMAKE_INSTALL_MANIFEST_FILES ${path})
+endwhile()
