@@ -1,0 +1,164 @@
+"""Clients and processes: Ctrl-C, forks, pickles, and servers of one's own. Scripts run in fresh processes."""
+from __future__ import annotations
+
+import os
+import pathlib
+import pickle
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+
+import voxelpipe
+from voxelpipe import Client, LocalServer
+
+HERE = pathlib.Path(__file__).parent
+
+COMMON = """
+    import multiprocessing, os, signal, sys, threading, time
+    import voxelpipe
+    from client_tests import shapes
+    client = voxelpipe.Client(sys.argv[1])
+
+    def occupied(scale):
+        vertices, faces = shapes.TETRAHEDRON
+        return client.voxelize((vertices * scale, faces), resolution=24, normal="normal:f32").summary.occupied
+
+    def late(_):
+        try:
+            client.voxelize(shapes.heavy(), resolution=900, timeout=0.5)
+        except voxelpipe.VoxelpipeError as error:
+            return error.code
+"""
+
+
+def output_of(script: str, server: LocalServer, folder: pathlib.Path) -> list[str]:
+    """The lines that a script prints, in a process of its own."""
+    (folder / "client_tests").symlink_to(HERE)
+    code = textwrap.dedent(COMMON) + textwrap.dedent(script)
+    ran = subprocess.run(
+        [sys.executable, "-c", code, server.server], capture_output=True, text=True, timeout=60, env=environment(folder)
+    )
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout.split("\n")[:-1]
+
+
+def environment(*paths: pathlib.Path) -> dict[str, str]:
+    """The variables of a process that finds this package."""
+    package = pathlib.Path(voxelpipe.__file__).parents[1]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (package, *paths)))}
+
+
+INTERRUPTED = """
+    handle = client.upload(shapes.heavy())
+    for options in ({"resolution": 900}, {"resolution": 120}):
+        sent = []
+        def fire():
+            sent.append(time.monotonic())
+            os.kill(os.getpid(), signal.SIGINT)
+        threading.Timer(0.3, fire).start()
+        try:
+            while True:
+                client.voxelize(handle, packed_bits=True, **options)
+        except KeyboardInterrupt:
+            print(time.monotonic() - sent[0])
+    print(client.server_info().version)
+"""
+
+
+def test_ctrl_c_ends_a_call_within_100_ms(server: LocalServer, tmp_path: pathlib.Path) -> None:
+    lines = output_of(INTERRUPTED, server, tmp_path)
+    assert len(lines) == 3 and max(float(line) for line in lines[:2]) < 0.1
+
+
+FORKED = """
+    expected = occupied(1)
+    for _ in range(3):
+        with multiprocessing.get_context("fork").Pool(3) as pool:
+            assert pool.map_async(occupied, [1, 2, 3, 4, 5, 6]).get(timeout=30) == [expected] * 6
+            assert pool.map_async(late, [0]).get(timeout=30) == ["DEADLINE_EXCEEDED"]
+        assert occupied(1) == expected
+    print("done")
+"""
+
+
+def test_forked_children_open_connections_of_their_own(server: LocalServer, tmp_path: pathlib.Path) -> None:
+    assert output_of(FORKED, server, tmp_path) == ["done"]
+
+
+FORKED_BESIDE_CALLS = """
+    expected = occupied(1)
+    stop = threading.Event()
+    beside = threading.Thread(target=lambda: [occupied(1) for _ in iter(stop.is_set, True)])
+    beside.start()
+    for _ in range(3):
+        with multiprocessing.get_context("fork").Pool(2) as pool:
+            assert pool.map_async(occupied, [1, 2]).get(timeout=30) == [expected] * 2
+    stop.set()
+    beside.join()
+    print(occupied(1) == expected)
+"""
+
+
+def test_a_fork_waits_for_the_calls_of_other_threads(server: LocalServer, tmp_path: pathlib.Path) -> None:
+    assert output_of(FORKED_BESIDE_CALLS, server, tmp_path) == ["True"]
+
+
+LOADED = """
+    import torch.utils.data
+
+    class Voxels(torch.utils.data.Dataset):
+        def __len__(self):
+            return 12
+
+        def __getitem__(self, i):
+            vertices, faces = shapes.TETRAHEDRON
+            return client.voxelize((vertices * (1 + i), faces), resolution=16).to_torch().float()
+
+    before = occupied(1)
+    for workers in (0, 3):
+        batches = list(torch.utils.data.DataLoader(Voxels(), batch_size=4, num_workers=workers))
+        print(tuple(batches[0].shape), int(sum(batch.sum() for batch in batches)))
+    assert occupied(1) == before
+"""
+
+
+def test_a_torch_data_loader_forks_its_workers(server: LocalServer, tmp_path: pathlib.Path) -> None:
+    pytest.importorskip("torch")
+    alone, forked = output_of(LOADED, server, tmp_path)
+    assert alone == forked and alone.startswith("(4, 16, 16, 16)")
+
+
+def test_a_client_pickles_as_its_options(server: LocalServer) -> None:
+    client = Client(server.server, timeout=7, tls=False, retries=5)
+    client.server_info()
+    copy = pickle.loads(pickle.dumps(client))
+    assert copy._connection.options == client._connection.options and copy.server_info() == client.server_info()
+
+
+def test_a_local_server_ends_with_its_process(server: LocalServer) -> None:
+    code = "import voxelpipe, os, time; s = voxelpipe.local_server(); print(s.server, flush=True); time.sleep(60)"
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment())
+    assert process.stdout is not None
+    address = process.stdout.readline().strip()
+    assert Client(address).server_info().version
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    end = time.monotonic() + 20
+    while time.monotonic() < end:
+        try:
+            Client(address, retries=0).server_info()
+        except voxelpipe.VoxelpipeError:
+            return
+        time.sleep(0.1)
+    pytest.fail("the server still answers")
+
+
+def test_a_local_server_that_does_not_start_says_why(server: LocalServer) -> None:
+    with pytest.raises(voxelpipe.Unavailable, match="--no-such-option"):
+        voxelpipe.local_server(options=["--no-such-option"])
+    with pytest.raises(voxelpipe.Unavailable, match="does not start"):
+        voxelpipe.local_server(program="/bin/false")

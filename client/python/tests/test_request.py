@@ -1,0 +1,113 @@
+"""Options of a request."""
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from voxelpipe import GridPlace, InvalidRequest, Shader, Target
+from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
+from voxelpipe.request import make_request
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("bit", Target()),
+        ("base_color:srgb8", Target("u8", encoding="srgb", shader=Shader("base_color"))),
+        ("normal:f32", Target("f32", shader=Shader("normal"))),
+        ("normal", Target("f32", shader=Shader("normal"))),
+        ("occupancy", Target("bit", shader=Shader("occupancy"))),
+        ("triangle_id:u32:max", Target("u32", blend="max", shader=Shader("triangle_id"))),
+        (
+            "attribute(_TEMPERATURE):f32x1:average",
+            Target("f32", 1, "average", Shader("attribute", {"name": "_TEMPERATURE"})),
+        ),
+        ("f32x3:replace:shader=normal", Target("f32", 3, "replace", Shader("normal"))),
+        ("u8:max:shader=base_color,encoding=srgb", Target("u8", None, "max", Shader("base_color"), encoding="srgb")),
+        ("constant:f32x3:value=0.5/0.2/1", Target("f32", 3, shader=Shader("constant", {"value": [0.5, 0.2, 1.0]}))),
+        (
+            "f32:add:clear=-1,fill=0/0.5/1,quantum=0.5",
+            Target("f32", None, "add", clear=-1, fill=[0, 0.5, 1], quantum=0.5),
+        ),
+    ],
+)
+def test_targets_from_text(text: str, expected: Target) -> None:
+    assert Target.parse(text) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "normal:f33", "f32x5", "bit:bit", "normal:f32:replace:add", "bit:or:size=3", "normal:f32:shader=uv", "a b"],
+)
+def test_wrong_targets_are_named(text: str) -> None:
+    with pytest.raises(InvalidRequest):
+        make_request(targets=[text] if text else [])
+
+
+@pytest.mark.parametrize(
+    "options, field",
+    [
+        ({"resolution": 8, "voxel_size": 0.1}, "resolution"),
+        ({"resolution": 0}, "resolution"),
+        ({"resolution": 1.5}, "resolution"),
+        ({"dims": (1, 2, 3)}, "origin"),
+        ({"origin": (1, 2, 3)}, "dims"),
+        ({"dims": (1, 2, 3), "origin": (0, 0, 0)}, "voxel_size"),
+        ({"dims": (1, 2), "origin": (0, 0, 0), "voxel_size": 1}, "dims"),
+        ({"dims": (1, 2, 0), "origin": (0, 0, 0), "voxel_size": 1}, "dims"),
+        ({"voxel_size": -1}, "voxel_size"),
+        ({"voxel_size": (1, 2)}, "voxel_size"),
+        ({"voxel_size": float("nan")}, "voxel_size"),
+        ({"coverage": "all"}, "coverage"),
+        ({"fill": "odd"}, "fill"),
+        ({"result": "list"}, "result"),
+        ({"backend": "gpu"}, "backend"),
+        ({"like": GridPlace((1, 1, 1), (0, 0, 0), (1, 1, 1)), "padding": 1}, "like"),
+        ({"targets": ["bit"] * 9}, "targets"),
+        ({"targets": ["bit"], "color": "base_color:u8"}, "targets"),
+        ({"targets": [Target(name="a"), Target(name="a")]}, "targets"),
+    ],
+)
+def test_wrong_options_are_named(options: dict[str, Any], field: str) -> None:
+    with pytest.raises(InvalidRequest) as caught:
+        make_request(**options)
+    assert caught.value.field == field
+    assert caught.value.code == "INVALID_ARGUMENT"
+    assert isinstance(caught.value, ValueError)
+
+
+def test_an_unknown_option_is_a_type_error() -> None:
+    with pytest.raises(TypeError, match="resolutoin"):
+        make_request(resolutoin=3)  # type: ignore[arg-type]
+
+
+def test_the_default_is_one_bit_at_128() -> None:
+    request = make_request()
+    assert request.config.grid.resolution == 128
+    assert [target.name for target in request.targets] == ["target0"]
+    assert request.config.targets[0].format == types.VOXEL_FORMAT_BIT
+
+
+def test_keywords_name_targets_after_a_mask() -> None:
+    request = make_request(color="base_color:srgb8", normal="normal:f32")
+    assert [target.name for target in request.targets] == ["mask", "color", "normal"]
+    assert request.config.targets[0].shader.name == "occupancy"
+    assert request.config.targets[1].encoding == types.ENCODING_SRGB
+    assert [target.name for target in make_request(mask="bit:first").targets] == ["mask"]
+
+
+def test_like_takes_the_grid_of_another_result() -> None:
+    grid = make_request(like=GridPlace((4, 5, 6), (10.0, 20.0, 30.0), (0.1, 0.2, 0.4))).config.grid
+    assert (grid.dims.x, grid.dims.y, grid.dims.z) == (4, 5, 6)
+    assert (grid.origin.x, grid.origin.y, grid.origin.z) == (10.0, 20.0, 30.0)
+    assert (grid.voxel_size.x, grid.voxel_size.y, grid.voxel_size.z) == (0.1, 0.2, 0.4)
+
+
+def test_only_bounded_dense_results_count_as_small() -> None:
+    limit = 1 << 20
+    assert make_request(resolution=128).small_result(limit)
+    assert not make_request(resolution=256).small_result(limit)
+    assert not make_request(resolution=128, targets=["normal:f32"]).small_result(limit)
+    assert not make_request(voxel_size=1.0).small_result(limit)
+    assert not make_request(resolution=8, result="sparse").small_result(limit)

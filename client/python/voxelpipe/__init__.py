@@ -1,0 +1,81 @@
+"""Turns triangle meshes into voxels, with a VoxelPipe server.
+
+    import voxelpipe
+    r = voxelpipe.voxelize("car.glb", resolution=256, color="base_color:srgb8")
+    r.mask, r.color, r.world(r.occupied())
+
+Voxel (i, j, k) spans [i, i+1) x [j, j+1) x [k, k+1) in index space; arrays have the shape (nz, ny, nx[, c]), so the
+voxel (i, j, k) is array[k, j, i].
+"""
+from . import errors
+from ._session import Tls
+from ._version import VERSION
+from .aio import AsyncClient
+from .api import default_client, shutdown, voxelize
+from .buckets import Buckets
+from .client import Client, MeshHandle
+from .errors import (
+    DataLoss,
+    DeadlineExceeded,
+    InvalidMesh,
+    InvalidRequest,
+    MeshNotFound,
+    MissingPackage,
+    NotAvailable,
+    Overloaded,
+    PermissionDenied,
+    QuotaExceeded,
+    TooLarge,
+    Unauthenticated,
+    Unavailable,
+    VoxelpipeError,
+)
+from .glb import Mesh
+from .grid import Sparse, VoxelGrid
+from .local_server import LocalServer, local_server
+from .place import GridPlace
+from .report import Estimate, MeshReport, MeshWarning, ServerInfo, ShaderInfo, StoredMesh, Summary
+from .targets import Shader, Target
+
+__version__ = VERSION
+
+__all__ = [
+    "AsyncClient",
+    "Buckets",
+    "Client",
+    "DataLoss",
+    "DeadlineExceeded",
+    "Estimate",
+    "GridPlace",
+    "InvalidMesh",
+    "InvalidRequest",
+    "LocalServer",
+    "Mesh",
+    "MeshHandle",
+    "MeshNotFound",
+    "MeshReport",
+    "MeshWarning",
+    "MissingPackage",
+    "NotAvailable",
+    "Overloaded",
+    "PermissionDenied",
+    "QuotaExceeded",
+    "ServerInfo",
+    "Shader",
+    "ShaderInfo",
+    "Sparse",
+    "StoredMesh",
+    "Summary",
+    "Target",
+    "Tls",
+    "TooLarge",
+    "Unauthenticated",
+    "Unavailable",
+    "VoxelGrid",
+    "VoxelpipeError",
+    "default_client",
+    "errors",
+    "local_server",
+    "shutdown",
+    "voxelize",
+]

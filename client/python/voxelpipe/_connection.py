@@ -1,0 +1,190 @@
+"""The gRPC channel of a client: one a process, opened when it is first used."""
+from __future__ import annotations
+
+import os
+import threading
+import time
+import weakref
+from typing import Any, Callable, Iterator
+
+from . import errors
+from ._grpc import FORKS_ARE_SAFE, grpc
+from ._session import SERVICE, Options, new_request_id
+from ._status import of_call
+
+_UNSAFE = (
+    "this process was forked while {}; use the start method spawn or forkserver (multiprocessing.get_context), or fork "
+    "before the first call"
+)
+_FORK_WAIT_S = 5.0  # gRPC itself waits as long
+# Calls do not begin while this process forks: gRPC stands that only between calls.
+_gate = threading.Condition()
+_forking = False
+# Why calls are impossible in this process.
+_impossible = ""
+# A child process must not touch its parent's channels, not even to free them: gRPC's threads are not in the child.
+_FORGOTTEN: list[Any] = []
+_ALL: "weakref.WeakSet[Connection]" = weakref.WeakSet()
+
+
+class Connection:
+    """Makes raw calls on a server: bytes in, bytes out. Thread-safe."""
+
+    def __init__(self, options: Options) -> None:
+        options.check()
+        self.options = options
+        self._lock = threading.Lock()
+        self._channel: Any = None
+        self._calls: dict[tuple[str, str], Any] = {}
+        self._closed = False
+        self.running = 0  # calls
+        _ALL.add(self)
+
+    def close(self) -> None:
+        """Ends all calls of this process."""
+        with self._lock:
+            channel, self._channel = self._channel, None
+            self._calls.clear()
+            self._closed = True
+        if channel is not None:
+            channel.close()
+
+    def opened(self) -> bool:
+        """True if it has made calls."""
+        return self._channel is not None
+
+    def forget(self) -> None:
+        """In a child process: leaves the parent's channel alone."""
+        if self._channel is not None:
+            _FORGOTTEN.append((self._channel, dict(self._calls)))
+        self._channel = None
+        self._calls = {}
+        self._lock = threading.Lock()
+        self.running = 0
+
+    def _begin(self) -> None:
+        with _gate:
+            while _forking:
+                _gate.wait()
+            self.running += 1
+
+    def _end(self, _: Any = None) -> None:
+        with _gate:
+            self.running -= 1
+            _gate.notify_all()
+
+    def _method(self, kind: str, name: str) -> Any:
+        with self._lock:
+            if _impossible:
+                raise errors.ServerFailed(_impossible)
+            if self._closed:
+                raise errors.Cancelled("the client is closed")
+            if self._channel is None:
+                self._channel = self._opened()
+            if (kind, name) not in self._calls:
+                self._calls[kind, name] = getattr(self._channel, kind)(SERVICE + name if "/" not in name else name)
+            return self._calls[kind, name]
+
+    def _opened(self) -> Any:
+        settings = self.options.channel_options()
+        if self.options.tls is None:
+            return grpc.insecure_channel(self.options.server, settings)
+        credentials = grpc.ssl_channel_credentials(*self.options.tls_files())
+        return grpc.secure_channel(self.options.server, credentials, settings)
+
+    def unary(self, name: str, request: bytes, timeout: float | None) -> tuple[bytes, str]:
+        """A unary call. Out: the response and the call's id. Errors: VoxelpipeError by the call's code."""
+        method = self._method("unary_unary", name)
+        request_id = new_request_id()
+        metadata = self.options.metadata(request_id)
+        try:
+            if threading.current_thread() is not threading.main_thread():
+                self._begin()
+                try:
+                    return bytes(method(request, timeout=timeout, metadata=metadata)), request_id
+                finally:
+                    self._end()
+            # gRPC's blocking call looks for signals every 200 ms only; a future's wait ends at once.
+            call = self._watched(lambda: method.future(request, timeout=timeout, metadata=metadata))
+            try:
+                return bytes(call.result()), request_id
+            except BaseException:
+                call.cancel()
+                raise
+        except (grpc.RpcError, grpc.FutureCancelledError) as error:
+            raise self.error(error, request_id) from None
+
+    def stream(self, name: str, requests: Iterator[bytes], timeout: float | None) -> tuple[Any, str]:
+        """A call with streams both ways. Out: gRPC's call, an iterator of responses, and the call's id."""
+        request_id = new_request_id()
+        metadata = self.options.metadata(request_id)
+        method = self._method("stream_stream", name)
+        return self._watched(lambda: method(requests, timeout=timeout, metadata=metadata)), request_id
+
+    def upload(self, name: str, requests: Iterator[bytes], timeout: float | None) -> tuple[bytes, str]:
+        """A call with a stream of requests and one response."""
+        request_id = new_request_id()
+        method = self._method("stream_unary", name)
+        metadata = self.options.metadata(request_id)
+        call = self._watched(lambda: method.future(requests, timeout=timeout, metadata=metadata))
+        try:
+            return bytes(call.result()), request_id
+        except (grpc.RpcError, grpc.FutureCancelledError) as error:
+            raise self.error(error, request_id) from None
+        except BaseException:
+            call.cancel()
+            raise
+
+    def _watched(self, start: Callable[[], Any]) -> Any:
+        self._begin()
+        try:
+            call = start()
+        except BaseException:
+            self._end()
+            raise
+        call.add_done_callback(self._end)
+        return call
+
+    def error(self, error: Any, request_id: str) -> errors.VoxelpipeError:
+        """The error of a failed call. In: grpc.RpcError."""
+        if not hasattr(error, "code"):
+            return errors.Cancelled("the call was cancelled", request_id=request_id)
+        text = error.details() or ""
+        return of_call(error.code().name, text, error.trailing_metadata(), self.options.server, request_id)
+
+
+_running_at_fork = False
+
+
+def _before_fork() -> None:
+    """Holds new calls back, and gives the running ones some time to end."""
+    global _forking, _running_at_fork
+    end = time.monotonic() + _FORK_WAIT_S
+    with _gate:
+        _forking = True
+        while any(connection.running for connection in list(_ALL)) and time.monotonic() < end:
+            _gate.wait(end - time.monotonic())
+        _running_at_fork = any(connection.running for connection in list(_ALL))
+
+
+def _in_parent() -> None:
+    global _forking
+    with _gate:
+        _forking = False
+        _gate.notify_all()
+
+
+def _in_child() -> None:
+    global _forking, _gate, _impossible
+    _gate, _forking = threading.Condition(), False
+    connections = list(_ALL)
+    if any(connection.opened() for connection in connections):
+        if _running_at_fork:
+            _impossible = _UNSAFE.format("a call was running")
+        elif not FORKS_ARE_SAFE:
+            _impossible = _UNSAFE.format("gRPC had no support for forks, as grpc was imported before voxelpipe")
+    for connection in connections:
+        connection.forget()
+
+
+os.register_at_fork(before=_before_fork, after_in_parent=_in_parent, after_in_child=_in_child)

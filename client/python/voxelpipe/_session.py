@@ -1,0 +1,242 @@
+"""What both clients share: options, the channel's settings, metadata, and the messages of each call."""
+from __future__ import annotations
+
+import dataclasses
+import os
+import threading
+import uuid
+from typing import Any, Callable, Iterator, Union
+
+import numpy
+
+from . import _wire
+from ._crc32c import crc32c
+from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from .errors import InvalidRequest
+from .glb import as_numpy
+from .meshes import MeshFile
+from .request import Request
+
+# callable(stage, fraction of the stage, bytes of the result so far); True: a bar of tqdm, if it is installed.
+Progress = Union[Callable[[str, float, int], None], bool, None]
+
+SERVICE = "/voxelpipe.v1.VoxelizationService/"
+SMALL_BYTES = 1 << 20  # meshes and results up to this size take one message each
+_SYSTEM_CA = "/etc/ssl/certs/ca-certificates.crt"  # gRPC's own list is not installed everywhere
+_LOOPBACK = ("localhost:", "127.", "[::1]", "unix:", "ipv4:127.", "ipv6:[::1]")
+
+
+@dataclasses.dataclass(frozen=True)
+class Tls:
+    """TLS settings; names of PEM files. ca: trusted certificates; empty: the system's. cert, key: this client's own,
+    for servers that require one. server_name: the name in the server's certificate, if it is not the address's host.
+    """
+
+    ca: str = ""
+    cert: str = ""
+    key: str = ""
+    server_name: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """The options of a client: all that another process needs to make the same one."""
+
+    server: str
+    token: str = dataclasses.field(default="", repr=False)
+    token_file: str = ""
+    tls: Tls | None = None
+    timeout: float | None = 600.0
+    retries: int = 2
+    max_result_bytes: int = 64 << 30
+    plaintext_token: bool = False
+
+    def check(self) -> None:
+        """Errors: InvalidRequest naming the option."""
+        if not self.server:
+            raise InvalidRequest("server: is empty; expected HOST:PORT or unix:/PATH", field="server")
+        if (self.token or self.token_file) and self.tls is None and not self.plaintext_token:
+            if not self.server.startswith(_LOOPBACK):
+                raise InvalidRequest(
+                    "token: would be sent in plain text to another machine; set tls, or plaintext_token=True",
+                    field="token",
+                )
+        if any(character in self.token for character in " \r\n\t"):
+            raise InvalidRequest("token: has spaces or line ends in it", field="token")
+        if self.tls is not None and bool(self.tls.cert) != bool(self.tls.key):
+            raise InvalidRequest("tls: a certificate needs its key, and a key its certificate", field="tls")
+
+    def channel_options(self) -> list[tuple[str, Any]]:
+        """Of grpc.insecure_channel and grpc.secure_channel, sync and aio."""
+        options: list[tuple[str, Any]] = [
+            ("grpc.max_receive_message_length", -1),
+            ("grpc.max_send_message_length", -1),
+            ("grpc.http2.max_frame_size", 16777215),  # a quarter faster on gigabytes
+            ("grpc.use_local_subchannel_pool", 1),
+            ("grpc.keepalive_time_ms", 10000),
+            ("grpc.keepalive_timeout_ms", 15000),
+            ("grpc.http2.max_pings_without_data", 0),
+            ("grpc.enable_retries", 0),  # this package's own keep to RetryInfo
+        ]
+        if self.server.startswith(_LOOPBACK):
+            options.append(("grpc.enable_http_proxy", 0))
+        if self.tls is not None and self.tls.server_name:
+            options.append(("grpc.ssl_target_name_override", self.tls.server_name))
+        return options
+
+    def tls_files(self) -> tuple[bytes | None, bytes | None, bytes | None]:
+        """Root certificates, private key, certificate chain. Errors: InvalidRequest naming the file."""
+        assert self.tls is not None
+        ca = self.tls.ca or (_SYSTEM_CA if os.path.exists(_SYSTEM_CA) else "")
+        return _pem(ca), _pem(self.tls.key), _pem(self.tls.cert)
+
+    def metadata(self, request_id: str) -> tuple[tuple[str, str], ...]:
+        """Of one call. The token's file is read each time. Errors: InvalidRequest if it cannot be read."""
+        token = self.token
+        if self.token_file:
+            try:
+                with open(self.token_file, encoding="utf-8") as file:
+                    token = file.read().strip()
+            except OSError as error:
+                raise InvalidRequest(f"token_file: {self.token_file}: {error.strerror}", field="token_file") from error
+        pairs = [("x-request-id", request_id)]
+        if token:
+            pairs.append(("authorization", f"Bearer {token}"))
+        return tuple(pairs)
+
+
+def _pem(path: str) -> bytes | None:
+    if not path:
+        return None
+    try:
+        with open(path, "rb") as file:
+            data = file.read()
+    except OSError as error:
+        raise InvalidRequest(f"tls: {path}: {error.strerror}", field="tls") from error
+    if b"-----BEGIN" not in data:
+        raise InvalidRequest(f"tls: {path}: holds nothing in PEM", field="tls")
+    return data
+
+
+def new_request_id() -> str:
+    """The id of one call, in this client's errors and in the server's log."""
+    return uuid.uuid4().hex
+
+
+def positions_file(positions: Any) -> MeshFile:
+    """The bytes of new positions (n, 3) of a kept mesh's vertices. Errors: InvalidRequest."""
+    array = as_numpy(positions)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InvalidRequest(f"new_positions: the shape is {array.shape}, expected (n, 3)", field="new_positions")
+    floats = numpy.ascontiguousarray(array, "<f4")
+    return MeshFile(floats.reshape(-1).view(numpy.uint8).data)
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """A request with its mesh: the file, or the id of a kept mesh and perhaps new positions."""
+
+    request: Request
+    file: MeshFile | None
+    mesh_id: str = ""
+
+    def config(self) -> service.VoxelizeConfig:
+        """The config of the call."""
+        config = service.VoxelizeConfig()
+        config.CopyFrom(self.request.config)
+        if self.file is not None:
+            config.mesh_format = self.file.format  # type: ignore[assignment]
+        config.mesh_id = self.mesh_id
+        config.new_positions = bool(self.mesh_id) and self.file is not None
+        return config
+
+    @property
+    def data(self) -> memoryview:
+        """The bytes that follow the config."""
+        return memoryview(b"") if self.file is None else self.file.data
+
+    def small(self) -> bool:
+        """True if the mesh and the result surely fit into one message each."""
+        return len(self.data) <= SMALL_BYTES and self.request.small_result(SMALL_BYTES)
+
+    def whole_request(self) -> bytes:
+        """The VoxelizeWholeRequest."""
+        data = self.data
+        message = service.VoxelizeWholeRequest(config=self.config(), mesh=bytes(data), crc32c=crc32c(data))
+        return bytes(message.SerializeToString())
+
+    def messages(self, report: "Reporter") -> Iterator[bytes]:
+        """The VoxelizeRequests of a stream."""
+        yield service.VoxelizeRequest(config=self.config()).SerializeToString()
+        field = service.VoxelizeRequest
+        data = self.data
+        for at in range(0, len(data), _wire.UPLOAD_PIECE_BYTES):
+            report("upload", at / len(data), 0)
+            piece = data[at : at + _wire.UPLOAD_PIECE_BYTES]
+            yield _wire.write_piece(piece, field.MESH_PIECE_FIELD_NUMBER, field.CRC32C_FIELD_NUMBER)
+
+
+def upload_messages(file: MeshFile, mesh_id: str, report: "Reporter") -> Iterator[bytes]:
+    """The UploadMeshRequests of a mesh."""
+    upload = service.MeshUpload(mesh_format=file.format, mesh_id=mesh_id)  # type: ignore[arg-type]
+    yield service.UploadMeshRequest(upload=upload).SerializeToString()
+    field = service.UploadMeshRequest
+    for at in range(0, len(file.data), _wire.UPLOAD_PIECE_BYTES):
+        report("upload", at / len(file.data), 0)
+        piece = file.data[at : at + _wire.UPLOAD_PIECE_BYTES]
+        yield _wire.write_piece(piece, field.PIECE_FIELD_NUMBER, field.CRC32C_FIELD_NUMBER)
+
+
+def estimate_request(request: Request, file: MeshFile | None, mesh_id: str) -> bytes:
+    """The EstimateVoxelizationRequest."""
+    message = service.EstimateVoxelizationRequest(config=request.config)
+    if file is None:
+        message.mesh_id = mesh_id
+    else:
+        message.config.mesh_format = file.format  # type: ignore[assignment]
+        message.mesh_bytes = bytes(file.data)
+    return bytes(message.SerializeToString())
+
+
+class Reporter:
+    """Tells the caller's progress, from one thread at a time, at most some twenty times a stage."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._call: Callable[[str, float, int], None] | None = None
+        self._bar: Any = None
+        if progress is True:
+            self._bar, self._call = _bar()
+        elif callable(progress):
+            self._call = progress
+        self._lock = threading.Lock()
+        self._stage = ""
+        self._fraction = 0.0
+
+    def __call__(self, stage: str, fraction: float, size: int) -> None:
+        if self._call is None:
+            return
+        with self._lock:
+            if stage == self._stage and fraction < 1 and fraction < self._fraction + 0.05:
+                return
+            self._stage, self._fraction = stage, fraction
+            self._call(stage, min(max(fraction, 0.0), 1.0), size)
+
+    def close(self) -> None:
+        """Ends the bar."""
+        if self._bar is not None:
+            self._bar.close()
+
+
+def _bar() -> tuple[Any, Callable[[str, float, int], None] | None]:
+    try:
+        from tqdm.auto import tqdm
+    except ImportError:
+        return None, None
+    bar = tqdm(total=100, bar_format="{desc:<16}{percentage:3.0f}%|{bar}| {elapsed}")
+
+    def show(stage: str, fraction: float, size: int) -> None:
+        bar.set_description_str(f"{stage} {size >> 20} MiB" if size >> 20 else stage, refresh=False)
+        bar.n = round(100 * fraction)
+        bar.refresh()
+
+    return bar, show

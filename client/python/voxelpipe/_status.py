@@ -1,0 +1,123 @@
+"""From a failed call to the error of its reason. Sources: google/rpc/error_details.proto; gRPC's status trailers."""
+from __future__ import annotations
+
+from typing import Any, Iterable
+
+from . import errors
+from ._proto.google.rpc import error_details_pb2 as details_pb2
+from ._proto.google.rpc import status_pb2
+
+_DETAILS = "grpc-status-details-bin"
+_PUSHBACK = "grpc-retry-pushback-ms"
+_MESH_PLACES = ("glTF", "GLB", "Draco", "mesh", "buffer", "accessor", "image", "node")
+_BY_CODE: dict[str, type[errors.VoxelpipeError]] = {
+    "FAILED_PRECONDITION": errors.NotAvailable,
+    "DEADLINE_EXCEEDED": errors.DeadlineExceeded,
+    "CANCELLED": errors.Cancelled,
+    "UNAUTHENTICATED": errors.Unauthenticated,
+    "PERMISSION_DENIED": errors.PermissionDenied,
+    "DATA_LOSS": errors.DataLoss,
+    "ABORTED": errors.Aborted,
+    "UNIMPLEMENTED": errors.NotSupported,
+}
+_DETAIL_KINDS: tuple[Any, ...] = (
+    details_pb2.BadRequest,
+    details_pb2.ErrorInfo,
+    details_pb2.RetryInfo,
+    details_pb2.QuotaFailure,
+    details_pb2.ResourceInfo,
+)
+_NAMES = (
+    "OK CANCELLED UNKNOWN INVALID_ARGUMENT DEADLINE_EXCEEDED NOT_FOUND ALREADY_EXISTS PERMISSION_DENIED "
+    "RESOURCE_EXHAUSTED FAILED_PRECONDITION ABORTED OUT_OF_RANGE UNIMPLEMENTED INTERNAL UNAVAILABLE DATA_LOSS "
+    "UNAUTHENTICATED"
+).split()
+
+
+class NeedsStream(errors.NotAvailable):
+    """FAILED_PRECONDITION: the result may be too large for a unary call. Not seen by callers."""
+
+
+def of_call(
+    code: str, message: str, trailers: Iterable[Any] | None, target: str, request_id: str
+) -> errors.VoxelpipeError:
+    """In: the canonical code, and gRPC's text and trailing metadata."""
+    status = status_pb2.Status()
+    pushback: float | None = None
+    for key, value in trailers or ():
+        if key == _DETAILS and isinstance(value, bytes):
+            try:
+                status = status_pb2.Status.FromString(value)
+            except Exception:  # protobuf's DecodeError: then the code and the text have to do
+                continue
+        elif key == _PUSHBACK:
+            try:
+                pushback = max(0.0, float(value) / 1000)
+            except ValueError:
+                continue
+    return _made(code, message, status, pushback, target, request_id)
+
+
+def of_status(status: Any, target: str, request_id: str) -> errors.VoxelpipeError:
+    """In: the serialized google.rpc.Status of one job of a stream."""
+    code = _NAMES[status.code] if 0 <= status.code < len(_NAMES) else "UNKNOWN"
+    return _made(code, status.message, status, None, target, request_id)
+
+
+def _made(
+    code: str, message: str, status: Any, pushback: float | None, target: str, request_id: str
+) -> errors.VoxelpipeError:
+    found: dict[str, Any] = {}
+    for detail in status.details:
+        for kind in _DETAIL_KINDS:
+            if detail.type_url.rpartition("/")[2] == kind.DESCRIPTOR.full_name:
+                found[kind.__name__] = kind.FromString(detail.value)
+    common: dict[str, Any] = {"code": code, "request_id": request_id}
+    delay = pushback
+    if "RetryInfo" in found:
+        retry = found["RetryInfo"].retry_delay
+        delay = retry.seconds + retry.nanos / 1e9
+    if code == "INVALID_ARGUMENT":
+        violations = found["BadRequest"].field_violations if "BadRequest" in found else []
+        field = violations[0].field if violations else ""
+        of_mesh = field.startswith(_MESH_PLACES) and not field.startswith(("mesh_id", "mesh_format"))
+        return (errors.InvalidMesh if of_mesh else errors.InvalidRequest)(message, field=field, **common)
+    if code == "RESOURCE_EXHAUSTED":
+        if delay is None:
+            return _too_large(message, found.get("ErrorInfo"), common)
+        if "QuotaFailure" in found:
+            violations = found["QuotaFailure"].violations
+            subject = violations[0].subject if violations else ""
+            return errors.QuotaExceeded(message, subject=subject, retry_after=delay, **common)
+        return errors.Overloaded(message, retry_after=delay, **common)
+    if code == "UNAVAILABLE":
+        return errors.Unavailable(f"{target}: {message}", retry_after=delay, **common)
+    if code == "NOT_FOUND":
+        name = found["ResourceInfo"].resource_name if "ResourceInfo" in found else ""
+        return errors.MeshNotFound(message, mesh_id=name, **common)
+    if code == "FAILED_PRECONDITION" and "ErrorInfo" in found and found["ErrorInfo"].reason == "RESULT_NEEDS_STREAM":
+        return NeedsStream(message, **common)
+    return _BY_CODE.get(code, errors.ServerFailed)(message, **common)
+
+
+def _too_large(message: str, info: Any, common: dict[str, Any]) -> errors.TooLarge:
+    metadata = dict(info.metadata) if info is not None else {}
+
+    def number(key: str) -> int | None:
+        text = metadata.get(key, "")
+        return int(text) if text.isdecimal() else None
+
+    size: tuple[float, float, float] | None = None
+    try:
+        x, y, z = (float(part) for part in metadata.get("smallest_voxel_size", "").split(","))
+        size = (x, y, z)
+    except ValueError:
+        pass
+    return errors.TooLarge(
+        message,
+        need_bytes=number("need_bytes"),
+        limit_bytes=number("limit_bytes"),
+        largest_resolution=number("largest_resolution"),
+        smallest_voxel_size=size,
+        **common,
+    )

@@ -1,0 +1,326 @@
+"""The client of a server for asyncio."""
+from __future__ import annotations
+
+import asyncio
+import os
+from typing import Any, AsyncIterator, Awaitable, Callable, Iterable, Sequence, TypeVar
+
+from . import names
+from ._grpc import grpc
+from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from ._reader import ResultReader
+from ._retry import Deadline, Retries
+from ._session import (
+    SERVICE,
+    Job,
+    Options,
+    Progress,
+    Reporter,
+    Tls,
+    estimate_request,
+    new_request_id,
+    positions_file,
+    upload_messages,
+)
+from ._status import NeedsStream, of_call
+from .client import MeshHandle
+from .errors import MeshNotFound, NotSupported, VoxelpipeError
+from .grid import VoxelGrid
+from .meshes import MeshFile, MeshLike, load_mesh
+from .place import GridPlace
+from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
+from .request import ShaderLike, TargetLike, make_request
+
+_QUICK_S = 10.0
+_Result = TypeVar("_Result")
+
+
+class AsyncClient:
+    """Voxelizes on a server, with the methods of Client as coroutines. For one event loop; an async context manager.
+
+    Cancelling the task cancels the call, on the server too.
+    """
+
+    def __init__(
+        self,
+        server: str = "",
+        *,
+        token: str = "",
+        token_file: "str | os.PathLike[str]" = "",
+        tls: Tls | bool = False,
+        timeout: float | None = 600.0,
+        retries: int = 2,
+        max_result_bytes: int = 64 << 30,
+        plaintext_token: bool = False,
+    ) -> None:
+        """The options are those of Client. Errors: InvalidRequest."""
+        if not (token or token_file):
+            token = os.environ.get("VOXELPIPE_TOKEN", "")
+        self._options = Options(
+            server=server or os.environ.get("VOXELPIPE_SERVER", ""),
+            token=token,
+            token_file=os.fspath(token_file),
+            tls=Tls() if tls is True else tls or None,
+            timeout=timeout,
+            retries=retries,
+            max_result_bytes=max_result_bytes,
+            plaintext_token=plaintext_token,
+        )
+        self._options.check()
+        self._channel: Any = None
+        self._no_whole_calls = False
+
+    @property
+    def server(self) -> str:
+        """The server's address."""
+        return self._options.server
+
+    async def aclose(self) -> None:
+        """Ends running calls and the connection."""
+        if self._channel is not None:
+            await self._channel.close()
+        self._channel = None
+
+    async def __aenter__(self) -> "AsyncClient":
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.aclose()
+
+    def __repr__(self) -> str:
+        return f"<voxelpipe.AsyncClient of {self.server}>"
+
+    async def voxelize(
+        self,
+        mesh: MeshLike | MeshHandle,
+        *,
+        resolution: int | None = None,
+        voxel_size: names.PerAxis | None = None,
+        dims: Sequence[int] | None = None,
+        origin: Sequence[float] | None = None,
+        like: VoxelGrid | GridPlace | None = None,
+        fit: names.Fit = "tight",
+        padding: int = 0,
+        coverage: names.Coverage = "conservative",
+        fill: names.Fill = "none",
+        targets: Sequence[TargetLike] | TargetLike | None = None,
+        shader: ShaderLike | None = None,
+        vertex_shader: ShaderLike | None = None,
+        result: names.ResultKind = "dense",
+        layout: names.Layout = "interleaved",
+        backend: names.Backend = "auto",
+        priority: names.Priority = "normal",
+        compression: names.Compression = "none",
+        packed_bits: bool = False,
+        content_hash: bool = False,
+        strict: bool = False,
+        new_positions: Any = None,
+        timeout: float | None = None,
+        progress: Progress = None,
+        **named: TargetLike,
+    ) -> VoxelGrid:
+        """Voxelizes one mesh on this server: see voxelpipe.voxelize() and Client.voxelize()."""
+        request = make_request(
+            resolution=resolution,
+            voxel_size=voxel_size,
+            dims=dims,
+            origin=origin,
+            like=like,
+            fit=fit,
+            padding=padding,
+            coverage=coverage,
+            fill=fill,
+            targets=targets,
+            shader=shader,
+            vertex_shader=vertex_shader,
+            result=result,
+            layout=layout,
+            backend=backend,
+            priority=priority,
+            compression=compression,
+            packed_bits=packed_bits,
+            content_hash=content_hash,
+            strict=strict,
+            **named,
+        )
+        if isinstance(mesh, MeshHandle):
+            positions = None if new_positions is None else positions_file(new_positions)
+            job, kept = Job(request, positions, mesh.mesh_id), mesh.file
+        else:
+            if new_positions is not None:
+                raise TypeError("new_positions needs a mesh from upload()")
+            job, kept = Job(request, await asyncio.to_thread(load_mesh, mesh)), None
+        reporter = Reporter(progress)
+        deadline = self._deadline(timeout)
+        try:
+            try:
+                return await self._again(deadline, lambda left: self._voxelize(job, left, reporter))
+            except MeshNotFound:
+                if kept is None:
+                    raise
+            file = kept
+            await self._again(deadline, lambda left: self._upload(file, left, reporter))
+            return await self._again(deadline, lambda left: self._voxelize(job, left, reporter))
+        finally:
+            reporter.close()
+
+    async def voxelize_many(
+        self, meshes: Iterable[MeshLike | MeshHandle], *, in_flight: int = 16, errors: str = "raise", **options: Any
+    ) -> AsyncIterator[VoxelGrid | VoxelpipeError]:
+        """Voxelizes many meshes with the same options, in_flight at a time. Yields the results in their order.
+
+        errors: "raise" ends at the first mesh that fails; "return" yields its error in the place of its result.
+        """
+        if errors not in ("raise", "return"):
+            raise ValueError(f"errors: '{errors}' is neither raise nor return")
+        source = iter(meshes)
+        running: list[asyncio.Task[VoxelGrid]] = []
+        try:
+            more = True
+            while more or running:
+                while more and len(running) < in_flight:
+                    try:
+                        running.append(asyncio.ensure_future(self.voxelize(next(source), **options)))
+                    except StopIteration:
+                        more = False
+                if not running:
+                    return
+                result: VoxelGrid | VoxelpipeError
+                try:
+                    result = await running[0]
+                except VoxelpipeError as error:
+                    if errors == "raise":
+                        raise
+                    result = error
+                running.pop(0)
+                yield result
+        finally:
+            for task in running:
+                task.cancel()
+            await asyncio.gather(*running, return_exceptions=True)
+
+    async def upload(
+        self, mesh: MeshLike, *, keep: bool = True, timeout: float | None = None, progress: Progress = None
+    ) -> MeshHandle:
+        """Stores a mesh on the server: see Client.upload()."""
+        file = await asyncio.to_thread(load_mesh, mesh)
+        reporter = Reporter(progress)
+        try:
+            response = await self._again(self._deadline(timeout), lambda left: self._upload(file, left, reporter))
+        finally:
+            reporter.close()
+        stored = StoredMesh.of(response.mesh)
+        return MeshHandle(stored.mesh_id, stored, response.already_stored, file if keep else None)
+
+    async def delete_mesh(self, mesh: MeshHandle | str) -> int:
+        """Releases this caller's claim on a mesh: see Client.delete_mesh()."""
+        request = service.DeleteMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
+        return int(service.DeleteMeshResponse.FromString(await self._quick("DeleteMesh", request)).freed_bytes)
+
+    async def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
+        """The plan of a request, without running it: see Client.estimate()."""
+        kept = mesh if isinstance(mesh, MeshHandle) else None
+        file = None if kept else await asyncio.to_thread(load_mesh, mesh)
+        message = estimate_request(make_request(**options), file, kept.mesh_id if kept else "")
+        answer = await self._again(
+            self._deadline(timeout), lambda left: self._unary("EstimateVoxelization", message, left)
+        )
+        return Estimate.of(service.EstimateVoxelizationResponse.FromString(answer[0]))
+
+    async def shaders(self) -> list[ShaderInfo]:
+        """Every shader that requests may name, vertex shaders first."""
+        answer = await self._quick("ListShaders", service.ListShadersRequest())
+        return [ShaderInfo.of(shader) for shader in service.ListShadersResponse.FromString(answer).shaders]
+
+    async def server_info(self) -> ServerInfo:
+        """Version, backends, devices and limits of the server."""
+        answer = await self._quick("GetServerInfo", service.GetServerInfoRequest())
+        return ServerInfo.of(service.GetServerInfoResponse.FromString(answer))
+
+    # ---- calls ----
+
+    def _deadline(self, timeout: float | None) -> Deadline:
+        return Deadline(self._options.timeout if timeout is None else timeout)
+
+    async def _again(self, deadline: Deadline, call: Callable[[float | None], Awaitable[_Result]]) -> _Result:
+        retries = Retries(self._options.retries, deadline)
+        while True:
+            try:
+                return await call(deadline.left())
+            except VoxelpipeError as error:
+                await asyncio.sleep(retries.delay(error))
+
+    async def _quick(self, name: str, request: Any) -> bytes:
+        data = request.SerializeToString()
+        answer = await self._again(Deadline(_QUICK_S), lambda left: self._unary(name, data, left))
+        return answer[0]
+
+    def _open(self) -> Any:
+        if self._channel is None:
+            settings = self._options.channel_options()
+            if self._options.tls is None:
+                self._channel = grpc.aio.insecure_channel(self._options.server, settings)
+            else:
+                credentials = grpc.ssl_channel_credentials(*self._options.tls_files())
+                self._channel = grpc.aio.secure_channel(self._options.server, credentials, settings)
+        return self._channel
+
+    def _error(self, error: Any, request_id: str) -> VoxelpipeError:
+        text = error.details() or ""
+        return of_call(error.code().name, text, error.trailing_metadata(), self._options.server, request_id)
+
+    async def _unary(self, name: str, request: bytes, timeout: float | None) -> tuple[bytes, str]:
+        request_id = new_request_id()
+        metadata = self._options.metadata(request_id)
+        try:
+            answer = await self._open().unary_unary(SERVICE + name)(request, timeout=timeout, metadata=metadata)
+        except grpc.RpcError as error:
+            raise self._error(error, request_id) from None
+        return bytes(answer), request_id
+
+    async def _voxelize(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
+        if not job.small() or self._no_whole_calls:
+            return await self._stream(job, timeout, reporter)
+        try:
+            answer, request_id = await self._unary("VoxelizeWhole", job.whole_request(), timeout)
+        except NeedsStream:
+            return await self._stream(job, timeout, reporter)
+        except NotSupported:  # of the call, or of a feature of the mesh: the stream tells
+            grid = await self._stream(job, timeout, reporter)
+            self._no_whole_calls = True
+            return grid
+        reader = ResultReader(job.request, self._options.max_result_bytes, request_id, reporter)
+        reader.add_whole(service.VoxelizeWholeResponse.FromString(answer).result)
+        return reader.finish()
+
+    async def _stream(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
+        request_id = new_request_id()
+        metadata = self._options.metadata(request_id)
+        method = self._open().stream_stream(SERVICE + "Voxelize")
+        call = method(_as_async(job.messages(reporter)), timeout=timeout, metadata=metadata)
+        reader = ResultReader(job.request, self._options.max_result_bytes, request_id, reporter)
+        try:
+            async for message in call:
+                reader.add_bytes(message)
+        except grpc.RpcError as error:
+            raise self._error(error, request_id) from None
+        finally:
+            call.cancel()  # without effect on a call that has ended
+        return reader.finish()
+
+    async def _upload(self, file: MeshFile, timeout: float | None, reporter: Reporter) -> Any:
+        request_id = new_request_id()
+        metadata = self._options.metadata(request_id)
+        mesh_id = await asyncio.to_thread(file.sha256)
+        method = self._open().stream_unary(SERVICE + "UploadMesh")
+        requests = _as_async(upload_messages(file, mesh_id, reporter))
+        try:
+            answer = await method(requests, timeout=timeout, metadata=metadata)
+        except grpc.RpcError as error:
+            raise self._error(error, request_id) from None
+        return service.UploadMeshResponse.FromString(answer)
+
+
+async def _as_async(messages: Iterable[bytes]) -> AsyncIterator[bytes]:
+    for message in messages:
+        yield message

@@ -1,0 +1,145 @@
+"""voxelize() without a client of one's own."""
+from __future__ import annotations
+
+import os
+import threading
+from typing import Any, Sequence
+
+from . import names
+from ._session import Progress
+from .client import Client, MeshHandle
+from .grid import VoxelGrid
+from .local_server import LocalServer, local_server
+from .meshes import MeshLike
+from .place import GridPlace
+from .request import ShaderLike, TargetLike
+
+_lock = threading.Lock()
+_clients: dict[str, Client] = {}
+_server: LocalServer | None = None
+
+
+def _reset_lock() -> None:
+    global _lock
+    _lock = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_reset_lock)
+
+
+def default_client(server: str = "") -> Client:
+    """The client that voxelize() uses for an address; it is shared and stays open.
+
+    server: empty: the variable VOXELPIPE_SERVER, else a local server that is started once for this process.
+    """
+    global _server
+    with _lock:
+        address = server or os.environ.get("VOXELPIPE_SERVER", "")
+        if not address:
+            if _server is None:
+                _server = local_server()
+            address = _server.server
+        if address not in _clients:
+            _clients[address] = Client(address)
+        return _clients[address]
+
+
+def voxelize(
+    mesh: MeshLike | MeshHandle,
+    *,
+    resolution: int | None = None,
+    voxel_size: names.PerAxis | None = None,
+    dims: Sequence[int] | None = None,
+    origin: Sequence[float] | None = None,
+    like: VoxelGrid | GridPlace | None = None,
+    fit: names.Fit = "tight",
+    padding: int = 0,
+    coverage: names.Coverage = "conservative",
+    fill: names.Fill = "none",
+    targets: Sequence[TargetLike] | TargetLike | None = None,
+    shader: ShaderLike | None = None,
+    vertex_shader: ShaderLike | None = None,
+    result: names.ResultKind = "dense",
+    layout: names.Layout = "interleaved",
+    backend: names.Backend = "auto",
+    priority: names.Priority = "normal",
+    compression: names.Compression = "none",
+    packed_bits: bool = False,
+    content_hash: bool = False,
+    strict: bool = False,
+    server: str | Client | None = None,
+    timeout: float | None = None,
+    progress: Progress = None,
+    **named: TargetLike,
+) -> VoxelGrid:
+    """Voxelizes one mesh.
+
+        r = voxelpipe.voxelize("car.glb", resolution=256, color="base_color:srgb8", normal="normal:f32")
+        r.mask, r.color, r.normal    # (nz, ny, nx) bool, (nz, ny, nx, 4) uint8, (nz, ny, nx, 3) float32
+        r.world(r.occupied())        # where the occupied voxels' centres lie
+
+    mesh: a path (.glb, .gltf with its files, .drc), the bytes of such a file, a binary file object, (vertices, faces),
+        voxelpipe.Mesh, or an object of trimesh, Open3D, meshio or VTK, or with `vertices` and `faces`.
+
+    The grid, one of four: resolution, voxels along the longest extent (default 128); voxel_size, world units, one
+        number or x, y, z; voxel_size, dims (x, y, z) and origin (the corner of voxel (0, 0, 0)); like, another result's
+        grid. fit: "cube": resolution voxels along every axis. padding: voxels added on every side.
+
+    coverage: which voxels a triangle covers: "conservative" all that it touches, "thin" a 6-separating shell, "center"
+        those whose centre it passes, "none" none (with a fill by crossings: the voxels whose centre is inside).
+    fill: the inside: "parity" by crossings along x, "nonzero" by their signs (parts may overlap), "flood".
+
+    targets: up to 8: Target objects or texts, "SHADER:FORMAT[xC][:BLEND][:key=value,...]" or as the command line writes
+        them; default: bits of occupancy. Or by keyword, which names them in the result: color="base_color:srgb8"; then
+        the bits of occupancy come first, as "mask". shader: of the targets that name none.
+    vertex_shader: such as "transform:matrix=..." or Shader("skin", {"time": 0.5}).
+    result: "dense", "sparse" (the occupied bricks of 8x8x8 voxels) or "buckets" (all fragments of each voxel).
+    layout: "planar": components first. packed_bits: bits stay eight a byte. compression: "zstd" on the way.
+    content_hash: the server's SHA-256 is checked too; each piece has its CRC-32C anyway.
+    backend: "cpu" or "cuda" alone. priority: among the server's jobs. strict: the first warning is an error.
+
+    server: an address or a Client; None: the variable VOXELPIPE_SERVER, else a local voxelpiped, started once.
+    timeout: seconds, retries included; None: 600. progress: callable(stage, fraction, bytes), or True for tqdm's bar.
+
+    Out: a VoxelGrid. Errors: InvalidRequest, InvalidMesh, TooLarge, Overloaded, Unavailable, DeadlineExceeded and the
+    others of voxelpipe.errors; OSError for files. Ctrl-C cancels the call.
+    """
+    client = server if isinstance(server, Client) else default_client(server or "")
+    return client.voxelize(
+        mesh,
+        resolution=resolution,
+        voxel_size=voxel_size,
+        dims=dims,
+        origin=origin,
+        like=like,
+        fit=fit,
+        padding=padding,
+        coverage=coverage,
+        fill=fill,
+        targets=targets,
+        shader=shader,
+        vertex_shader=vertex_shader,
+        result=result,
+        layout=layout,
+        backend=backend,
+        priority=priority,
+        compression=compression,
+        packed_bits=packed_bits,
+        content_hash=content_hash,
+        strict=strict,
+        timeout=timeout,
+        progress=progress,
+        **named,
+    )
+
+
+def shutdown(_: Any = None) -> None:
+    """Closes the clients of voxelize(), and ends the local server."""
+    global _server
+    with _lock:
+        for client in _clients.values():
+            client.close()
+        _clients.clear()
+        if _server is not None:
+            _server.stop()
+        _server = None

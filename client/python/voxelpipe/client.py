@@ -1,0 +1,389 @@
+"""The client of a server."""
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from typing import Any, Callable, Iterable, Iterator, Sequence, TypeVar
+
+from . import names
+from ._connection import Connection
+from ._grpc import grpc
+from ._many import Many
+from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from ._reader import ResultReader
+from ._retry import Deadline, Retries
+from ._session import Job, Options, Progress, Reporter, Tls, estimate_request, positions_file, upload_messages
+from ._status import NeedsStream
+from .errors import DataLoss, MeshNotFound, NotSupported, VoxelpipeError
+from .grid import VoxelGrid
+from .meshes import MeshFile, MeshLike, load_mesh
+from .place import GridPlace
+from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
+from .request import Request, ShaderLike, TargetLike, make_request
+
+_QUICK_S = 10.0
+_Result = TypeVar("_Result")
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshHandle:
+    """A mesh that a server keeps; give it in place of the mesh. Made by Client.upload().
+
+    mesh_id: the SHA-256 of the file, 64 hexadecimal digits. stored: the server's description. file: sent again if the
+    server, or another replica of it, does not have the mesh (any more); None: MeshNotFound is raised then.
+    """
+
+    mesh_id: str
+    stored: StoredMesh
+    already_stored: bool
+    file: MeshFile | None = dataclasses.field(repr=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        file = None if self.file is None else (bytes(self.file.data), self.file.format, self.file.name)
+        return _restored_handle, (self.mesh_id, self.stored, self.already_stored, file)
+
+
+def _restored_handle(
+    mesh_id: str, stored: StoredMesh, already: bool, file: tuple[bytes, int, str] | None
+) -> MeshHandle:
+    return MeshHandle(mesh_id, stored, already, file and MeshFile(memoryview(file[0]), file[1], file[2]))
+
+
+class Client:
+    """Voxelizes on a server. Thread-safe; a context manager; pickles as its options, without its connection.
+
+    After a fork the child opens a connection of its own. Calls raise the classes of voxelpipe.errors; Ctrl-C cancels
+    the running call, on the server too.
+    """
+
+    def __init__(
+        self,
+        server: str = "",
+        *,
+        token: str = "",
+        token_file: "str | os.PathLike[str]" = "",
+        tls: Tls | bool = False,
+        timeout: float | None = 600.0,
+        retries: int = 2,
+        max_result_bytes: int = 64 << 30,
+        plaintext_token: bool = False,
+    ) -> None:
+        """Connects when the first call is made.
+
+        server: "HOST:PORT" or "unix:/PATH"; empty: the variable VOXELPIPE_SERVER. token, or token_file, which is read
+        for each call: sent as a bearer token; empty: the variable VOXELPIPE_TOKEN. Without TLS they go to this machine
+        only, unless plaintext_token. tls: True for the system's certificates. timeout: seconds of a call, its retries
+        included; None: no limit. retries: how often a call is made again if the server is busy or away: after the delay
+        that it asks for, else after up to 5 s. max_result_bytes: larger results are refused.
+        Errors: InvalidRequest.
+        """
+        if not (token or token_file):
+            token = os.environ.get("VOXELPIPE_TOKEN", "")
+        self._connection = Connection(
+            Options(
+                server=server or os.environ.get("VOXELPIPE_SERVER", ""),
+                token=token,
+                token_file=os.fspath(token_file),
+                tls=Tls() if tls is True else tls or None,
+                timeout=timeout,
+                retries=retries,
+                max_result_bytes=max_result_bytes,
+                plaintext_token=plaintext_token,
+            )
+        )
+        self._no_whole_calls = False
+        self._max_message_bytes = 0
+
+    # ---- life ----
+
+    @property
+    def server(self) -> str:
+        """The server's address."""
+        return self._connection.options.server
+
+    def close(self) -> None:
+        """Ends running calls; later ones raise Cancelled."""
+        self._connection.close()
+
+    def __enter__(self) -> "Client":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored_client, (type(self), self._connection.options)
+
+    def __repr__(self) -> str:
+        return f"<voxelpipe.Client of {self.server}>"
+
+    # ---- voxelize ----
+
+    def voxelize(
+        self,
+        mesh: MeshLike | MeshHandle,
+        *,
+        resolution: int | None = None,
+        voxel_size: names.PerAxis | None = None,
+        dims: Sequence[int] | None = None,
+        origin: Sequence[float] | None = None,
+        like: VoxelGrid | GridPlace | None = None,
+        fit: names.Fit = "tight",
+        padding: int = 0,
+        coverage: names.Coverage = "conservative",
+        fill: names.Fill = "none",
+        targets: Sequence[TargetLike] | TargetLike | None = None,
+        shader: ShaderLike | None = None,
+        vertex_shader: ShaderLike | None = None,
+        result: names.ResultKind = "dense",
+        layout: names.Layout = "interleaved",
+        backend: names.Backend = "auto",
+        priority: names.Priority = "normal",
+        compression: names.Compression = "none",
+        packed_bits: bool = False,
+        content_hash: bool = False,
+        strict: bool = False,
+        new_positions: Any = None,
+        timeout: float | None = None,
+        progress: Progress = None,
+        **named: TargetLike,
+    ) -> VoxelGrid:
+        """Voxelizes one mesh on this server: see voxelpipe.voxelize() for the options.
+
+        mesh: also a handle from upload(); then new_positions, (n, 3) in world units for the n vertices of the flattened
+        mesh (handle.stored.mesh.vertices), replace its own. timeout: seconds; None: the client's.
+        """
+        request = make_request(
+            resolution=resolution,
+            voxel_size=voxel_size,
+            dims=dims,
+            origin=origin,
+            like=like,
+            fit=fit,
+            padding=padding,
+            coverage=coverage,
+            fill=fill,
+            targets=targets,
+            shader=shader,
+            vertex_shader=vertex_shader,
+            result=result,
+            layout=layout,
+            backend=backend,
+            priority=priority,
+            compression=compression,
+            packed_bits=packed_bits,
+            content_hash=content_hash,
+            strict=strict,
+            **named,
+        )
+        if not isinstance(mesh, MeshHandle):
+            if new_positions is not None:
+                raise TypeError("new_positions needs a mesh from upload()")
+            return self.run(Job(request, load_mesh(mesh)), timeout=timeout, progress=progress)
+        positions = None if new_positions is None else positions_file(new_positions)
+        return self.run(Job(request, positions, mesh.mesh_id), mesh.file, timeout=timeout, progress=progress)
+
+    def run(
+        self, job: Job, file: MeshFile | None = None, *, timeout: float | None = None, progress: Progress = None
+    ) -> VoxelGrid:
+        """Runs a job, with retries. In: the file of its kept mesh, sent if the server does not have it."""
+        reporter = Reporter(progress)
+        deadline = self._deadline(timeout)
+        try:
+            try:
+                return self._again(deadline, lambda left: self._voxelize(job, left, reporter))
+            except MeshNotFound:
+                if file is None:
+                    raise
+            self._again(deadline, lambda left: self._upload(file, left, reporter))
+            return self._again(deadline, lambda left: self._voxelize(job, left, reporter))
+        finally:
+            reporter.close()
+
+    def voxelize_many(
+        self,
+        meshes: Iterable[MeshLike | MeshHandle],
+        *,
+        in_flight: int = 16,
+        errors: str = "raise",
+        **options: Any,
+    ) -> Iterator[VoxelGrid | VoxelpipeError]:
+        """Voxelizes many meshes with the same options, over one stream. Yields the results in the order of the meshes.
+
+        meshes: an iterable, read as far ahead as in_flight, the largest number of meshes and results in memory.
+        options: those of voxelize(); timeout is that of each mesh. errors: "raise" ends at the first mesh that fails;
+        "return" yields its error in the place of its result. Busy servers and lost connections are tried again.
+        """
+        if errors not in ("raise", "return"):
+            raise ValueError(f"errors: '{errors}' is neither raise nor return")
+        timeout = options.pop("timeout", None)
+        request = make_request(**options)
+        return Many(self, self._connection, request, in_flight, errors == "return", timeout).results(meshes)
+
+    # ---- meshes ----
+
+    def upload(
+        self, mesh: MeshLike, *, keep: bool = True, timeout: float | None = None, progress: Progress = None
+    ) -> MeshHandle:
+        """Stores a mesh on the server, unless it has it already; give the handle in place of the mesh.
+
+        The server keeps it until it is deleted or evicted as least recently used. keep: the handle holds the file, so
+        that it can be sent again. Errors: as voxelize(); TooLarge if it is larger than the server's store.
+        """
+        file = load_mesh(mesh)
+        reporter = Reporter(progress)
+        try:
+            response = self._again(self._deadline(timeout), lambda left: self._upload(file, left, reporter))
+        finally:
+            reporter.close()
+        stored = StoredMesh.of(response.mesh)
+        return MeshHandle(stored.mesh_id, stored, response.already_stored, file if keep else None)
+
+    def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
+        """The server's description of a kept mesh. In: a handle or an id. Errors: MeshNotFound."""
+        request = service.GetMeshRequest(mesh_id=_id_of(mesh))
+        return StoredMesh.of(service.GetMeshResponse.FromString(self._quick("GetMesh", request)).mesh)
+
+    def delete_mesh(self, mesh: MeshHandle | str) -> int:
+        """Releases this caller's claim on a mesh. Out: the bytes that the server frees; 0 if it keeps it for others.
+
+        Errors: MeshNotFound, PermissionDenied without a claim.
+        """
+        request = service.DeleteMeshRequest(mesh_id=_id_of(mesh))
+        return int(service.DeleteMeshResponse.FromString(self._quick("DeleteMesh", request)).freed_bytes)
+
+    # ---- questions ----
+
+    def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
+        """The plan of a request - grid, bytes, time class - without running it. options: those of voxelize().
+
+        The mesh is sent in one message: of large ones upload() a handle.
+        """
+        kept = mesh if isinstance(mesh, MeshHandle) else None
+        file = None if kept else load_mesh(mesh)
+        message = estimate_request(make_request(**options), file, kept.mesh_id if kept else "")
+        answer = self._again(
+            self._deadline(timeout), lambda left: self._connection.unary("EstimateVoxelization", message, left)[0]
+        )
+        return Estimate.of(service.EstimateVoxelizationResponse.FromString(answer))
+
+    def shaders(self) -> list[ShaderInfo]:
+        """Every shader that requests may name, vertex shaders first."""
+        answer = self._quick("ListShaders", service.ListShadersRequest())
+        return [ShaderInfo.of(shader) for shader in service.ListShadersResponse.FromString(answer).shaders]
+
+    def server_info(self) -> ServerInfo:
+        """Version, backends, devices and limits of the server."""
+        answer = self._quick("GetServerInfo", service.GetServerInfoRequest())
+        return ServerInfo.of(service.GetServerInfoResponse.FromString(answer))
+
+    # ---- calls ----
+
+    def max_message_bytes(self) -> int:
+        """Of one request message; asked for once."""
+        if not self._max_message_bytes:
+            self._max_message_bytes = self.server_info().limits["max_message_bytes"]
+        return self._max_message_bytes
+
+    def _deadline(self, timeout: float | None) -> Deadline:
+        return Deadline(self._connection.options.timeout if timeout is None else timeout)
+
+    def _quick(self, name: str, request: Any) -> bytes:
+        data = request.SerializeToString()
+        return self._again(Deadline(_QUICK_S), lambda left: self._connection.unary(name, data, left)[0])
+
+    def _again(self, deadline: Deadline, call: Callable[[float | None], _Result]) -> _Result:
+        retries = Retries(self._connection.options.retries, deadline)
+        while True:
+            try:
+                return call(deadline.left())
+            except VoxelpipeError as error:
+                time.sleep(retries.delay(error))
+
+    def _reader(self, request: Request, request_id: str, reporter: Reporter) -> ResultReader:
+        return ResultReader(request, self._connection.options.max_result_bytes, request_id, reporter)
+
+    def _voxelize(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
+        if job.small() and not self._no_whole_calls:
+            try:
+                answer, request_id = self._connection.unary("VoxelizeWhole", job.whole_request(), timeout)
+            except NeedsStream:
+                return self._stream(job, timeout, reporter)
+            except NotSupported:  # of the call, or of a feature of the mesh: the stream tells
+                grid = self._stream(job, timeout, reporter)
+                self._no_whole_calls = True
+                return grid
+            reader = self._reader(job.request, request_id, reporter)
+            reader.add_whole(service.VoxelizeWholeResponse.FromString(answer).result)
+            return reader.finish()
+        return self._stream(job, timeout, reporter)
+
+    def _stream(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
+        upload = _Upload(job.messages(reporter))
+        call, request_id = self._connection.stream("Voxelize", upload, timeout)
+        upload.call = call
+        reader = self._reader(job.request, request_id, reporter)
+        try:
+            for message in call:
+                reader.add_bytes(message)
+        except grpc.RpcError as error:
+            upload.raise_failure()
+            raise self._connection.error(error, request_id) from None
+        finally:
+            call.cancel()  # without effect on a call that has ended
+        upload.raise_failure()
+        return reader.finish()
+
+    def _upload(self, file: MeshFile | None, timeout: float | None, reporter: Reporter) -> service.UploadMeshResponse:
+        assert file is not None
+        mesh_id = file.sha256()
+        upload = _Upload(upload_messages(file, mesh_id, reporter))
+        try:
+            answer, _ = self._connection.upload("UploadMesh", upload, timeout)
+        except VoxelpipeError:
+            upload.raise_failure()
+            raise
+        response: service.UploadMeshResponse = service.UploadMeshResponse.FromString(answer)
+        if response.mesh.mesh_id != mesh_id:
+            raise DataLoss(f"the server keeps the mesh {mesh_id} as {response.mesh.mesh_id}")
+        reporter("upload", 1.0, 0)
+        return response
+
+
+class _Upload:
+    """The requests of a call, which a thread of gRPC asks for. An exception ends the call and is kept."""
+
+    def __init__(self, messages: Iterator[bytes]) -> None:
+        self._messages = messages
+        self._failure: BaseException | None = None
+        self.call: Any = None
+
+    def __iter__(self) -> "_Upload":
+        return self
+
+    def __next__(self) -> bytes:
+        try:
+            return next(self._messages)
+        except StopIteration:
+            raise
+        except BaseException as error:
+            self._failure = error
+            if self.call is not None:
+                self.call.cancel()
+            raise StopIteration from None
+
+    def raise_failure(self) -> None:
+        """Raises the exception of the requests, if there was one."""
+        if self._failure is not None:
+            raise self._failure
+
+
+def _restored_client(kind: type[Client], options: Options) -> Client:
+    fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(options)}
+    fields["tls"] = fields["tls"] or False
+    return kind(**fields)
+
+
+def _id_of(mesh: MeshHandle | str) -> str:
+    return mesh if isinstance(mesh, str) else mesh.mesh_id

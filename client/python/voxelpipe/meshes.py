@@ -1,0 +1,145 @@
+"""Every form of a mesh that callers may give, as the bytes of one file."""
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import mmap
+import os
+import pathlib
+from typing import IO, Any, Sequence, Union
+
+import numpy
+
+from . import gltf_files
+from ._proto.voxelpipe.v1 import types_pb2 as types
+from .errors import InvalidMesh
+from .glb import Mesh, as_numpy, write_glb
+from .names import MeshFormat
+
+# A path, the bytes of a file, a binary file object, Mesh, (vertices, faces), or an object of another library.
+MeshLike = Union[str, "os.PathLike[str]", bytes, bytearray, memoryview, IO[bytes], Mesh, Sequence[Any], Any]
+
+_MAPPED_BYTES = 4 << 20  # larger files are not copied into memory
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshFile:
+    """The bytes of a self-contained mesh file. name: for messages, empty if it has none."""
+
+    data: memoryview
+    format: int = types.MESH_FORMAT_UNSPECIFIED
+    name: str = ""
+
+    def sha256(self) -> str:
+        """Its id on a server that keeps it."""
+        return hashlib.sha256(self.data).hexdigest()
+
+
+def load_mesh(mesh: MeshLike, *, format: MeshFormat = "auto", allow_outside: bool = False) -> MeshFile:
+    """The file of a mesh in any form. In: the format of bytes and files, detected by default; whether a glTF file may
+    name files outside of its folder. Errors: InvalidMesh, OSError for a file that cannot be read, TypeError.
+    """
+    if isinstance(mesh, MeshFile):
+        return mesh
+    code = _format_code(format)
+    if isinstance(mesh, (str, os.PathLike)):
+        return _of_path(pathlib.Path(mesh), code, allow_outside)
+    if isinstance(mesh, (bytes, bytearray, memoryview)):
+        return MeshFile(memoryview(mesh).cast("B"), code)
+    if isinstance(mesh, Mesh):
+        return _of_arrays(mesh)
+    read = getattr(mesh, "read", None)
+    if callable(read) and not hasattr(mesh, "points") and not hasattr(mesh, "vertices"):
+        data = read()
+        if not isinstance(data, (bytes, bytearray, memoryview)):
+            raise TypeError("the file object gives text; open it in binary mode, open(path, 'rb')")
+        return MeshFile(memoryview(data).cast("B"), code, str(getattr(mesh, "name", "")))
+    return _of_arrays(arrays_of(mesh))
+
+
+def _format_code(format: MeshFormat) -> int:
+    codes = {"auto": "UNSPECIFIED", "glb": "GLB", "gltf": "GLTF", "draco": "DRACO"}
+    if format not in codes:
+        raise ValueError(f"format: '{format}' is none of {', '.join(codes)}")
+    return int(types.MeshFormat.Value(f"MESH_FORMAT_{codes[format]}"))
+
+
+def _of_path(path: pathlib.Path, code: int, allow_outside: bool) -> MeshFile:
+    with open(path, "rb") as file:
+        if os.fstat(file.fileno()).st_size > _MAPPED_BYTES:
+            data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+        else:
+            data = memoryview(file.read())
+    if gltf_files.needs_packing(data):
+        try:
+            return MeshFile(memoryview(gltf_files.pack(data, path, allow_outside)), 0, str(path))
+        except InvalidMesh as error:
+            raise InvalidMesh(f"{path}: {error.message}", field=error.field) from error
+    return MeshFile(data, code, str(path))
+
+
+def _of_arrays(mesh: Mesh) -> MeshFile:
+    return MeshFile(memoryview(write_glb(mesh)), types.MESH_FORMAT_GLB)
+
+
+def arrays_of(mesh: Any) -> Mesh:
+    """The arrays of an object: (vertices, faces), trimesh, Open3D, meshio, VTK, PyVista, or anything with `vertices`
+    and `faces`. Errors: TypeError naming the type.
+    """
+    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
+        return Mesh(mesh[0], mesh[1])
+    if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):  # Open3D
+        colors = mesh.vertex_colors if getattr(mesh, "has_vertex_colors", bool)() else None
+        normals = mesh.vertex_normals if getattr(mesh, "has_vertex_normals", bool)() else None
+        return Mesh(
+            *(None if part is None else as_numpy(part) for part in (mesh.vertices, mesh.triangles, normals, colors))
+        )
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        return Mesh(mesh.vertices, mesh.faces)
+    if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):  # meshio
+        return _of_meshio(mesh)
+    if hasattr(mesh, "GetPoints") and hasattr(mesh, "GetPolys"):  # VTK, PyVista
+        return _of_vtk(mesh)
+    kind = f"{type(mesh).__module__}.{type(mesh).__qualname__}"
+    raise TypeError(
+        f"a {kind} is no mesh; expected a path, bytes, a binary file, (vertices, faces), voxelpipe.Mesh, or an object "
+        "of trimesh, Open3D, meshio or VTK"
+    )
+
+
+def _of_meshio(mesh: Any) -> Mesh:
+    cells = mesh.cells_dict
+    parts = [as_numpy(cells["triangle"])] if "triangle" in cells else []
+    if "quad" in cells:
+        parts.append(as_numpy(cells["quad"])[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
+    if not parts:
+        raise InvalidMesh(
+            f"the meshio mesh has no triangles or quads, only: {', '.join(cells) or 'nothing'}", field="faces"
+        )
+    points = as_numpy(mesh.points)
+    if points.ndim == 2 and points.shape[1] == 2:
+        points = numpy.column_stack([points, numpy.zeros(len(points))])
+    return Mesh(points, numpy.concatenate(parts))
+
+
+def _of_vtk(mesh: Any) -> Mesh:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    points = mesh.GetPoints()
+    vertices = vtk_to_numpy(points.GetData()) if points is not None else numpy.zeros((0, 3))
+    polygons = mesh.GetPolys()
+    if polygons.GetNumberOfCells() == 0:
+        if mesh.GetNumberOfStrips():
+            raise InvalidMesh(
+                "the VTK mesh has triangle strips; vtkTriangleFilter makes triangles of them", field="faces"
+            )
+        return Mesh(vertices, numpy.zeros((0, 3), numpy.int64))
+    offsets = vtk_to_numpy(polygons.GetOffsetsArray())
+    corners = vtk_to_numpy(polygons.GetConnectivityArray())
+    counts = numpy.diff(offsets)
+    # Polygons as fans: corner 0 with each edge that does not touch it.
+    fans = numpy.repeat(offsets[:-1], numpy.maximum(counts - 2, 0))
+    first = numpy.cumsum(numpy.maximum(counts - 2, 0)) - numpy.maximum(counts - 2, 0)
+    step = numpy.arange(len(fans)) - numpy.repeat(first, numpy.maximum(counts - 2, 0))
+    faces = numpy.stack([corners[fans], corners[fans + step + 1], corners[fans + step + 2]], axis=1)
+    return Mesh(vertices, faces)

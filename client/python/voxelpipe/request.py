@@ -1,0 +1,200 @@
+"""A request: what to make of a mesh. Checked here as far as that needs no server."""
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any, Mapping, Sequence, Union, get_args
+
+from . import names
+from ._proto.voxelpipe.v1 import types_pb2 as types
+from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from .errors import InvalidRequest
+from .targets import Shader, Target
+
+if TYPE_CHECKING:
+    from .grid import VoxelGrid
+    from .place import GridPlace
+
+TargetLike = Union[Target, str]
+ShaderLike = Union[Shader, str]
+
+_DEFAULT_RESOLUTION = 128
+_MAX_TARGETS = 8
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """All of a request but the mesh. Make it by make_request()."""
+
+    config: service.VoxelizeConfig
+    targets: tuple[Target, ...]
+    packed_bits: bool = False
+    content_hash: bool = False
+
+    def small_result(self, limit_bytes: int) -> bool:
+        """True if the result can only be at most this large: a dense one of a bounded grid."""
+        grid = self.config.grid
+        if self.config.result not in (types.RESULT_KIND_UNSPECIFIED, types.RESULT_KIND_DENSE):
+            return False
+        if grid.HasField("dims"):
+            axes = (grid.dims.x, grid.dims.y, grid.dims.z)
+        elif grid.HasField("voxel_size"):
+            return False
+        else:
+            axes = (grid.resolution or _DEFAULT_RESOLUTION,) * 3
+        voxels = math.prod(max(0, axis + 2 * grid.padding) for axis in axes)
+        sizes = {"bit": 0.125, "u8": 1, "u16": 2, "f16": 2, "u32": 4, "f32": 4}
+        return sum(voxels * sizes[target.format] * (target.components or 4) for target in self.targets) <= limit_bytes
+
+
+def _per_axis(value: Any, field: str) -> tuple[float, float, float]:
+    try:
+        numbers = [float(value)] * 3 if not hasattr(value, "__len__") else [float(number) for number in value]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+        raise InvalidRequest(f"{field}: {value!r} is neither a number nor three", field=field)
+    return numbers[0], numbers[1], numbers[2]
+
+
+def _whole(value: Any, field: str) -> int:
+    if isinstance(value, bool) or int(value) != value:
+        raise InvalidRequest(f"{field}: {value!r} is no whole number", field=field)
+    return int(value)
+
+
+def _choice(enum: Any, prefix: str, value: str, allowed: Any, field: str) -> Any:
+    if value not in get_args(allowed):
+        raise InvalidRequest(f"{field}: '{value}' is none of {', '.join(get_args(allowed))}", field=field)
+    return enum.Value(f"{prefix}_{value.upper()}")
+
+
+def _grid(
+    resolution: int | None,
+    voxel_size: names.PerAxis | None,
+    dims: Sequence[int] | None,
+    origin: Sequence[float] | None,
+    like: "VoxelGrid | GridPlace | None",
+    fit: names.Fit,
+    padding: int,
+) -> types.GridRequest:
+    if like is not None:
+        if any(value is not None for value in (resolution, voxel_size, dims, origin)) or padding:
+            raise InvalidRequest("like: gives the whole grid; leave out the other options of the grid", field="like")
+        place = getattr(like, "place", like)
+        voxel_size, dims, origin = place.voxel_size, place.dims, place.origin_corner
+    if resolution is not None and voxel_size is not None:
+        raise InvalidRequest("resolution: cannot be given together with voxel_size", field="resolution")
+    if (dims is None) != (origin is None):
+        missing = "origin" if origin is None else "dims"
+        raise InvalidRequest(f"{missing}: dims and origin are given together", field=missing)
+    if dims is not None and voxel_size is None:
+        raise InvalidRequest("voxel_size: is needed with dims and origin", field="voxel_size")
+    grid = types.GridRequest(padding=_whole(padding, "padding"))
+    grid.fit = _choice(types.GridFit, "GRID_FIT", fit, names.Fit, "fit")
+    if voxel_size is None:
+        grid.resolution = _whole(_DEFAULT_RESOLUTION if resolution is None else resolution, "resolution")
+        if grid.resolution < 1:
+            raise InvalidRequest(f"resolution: {grid.resolution} is below 1", field="resolution")
+        return grid
+    x, y, z = _per_axis(voxel_size, "voxel_size")
+    if min(x, y, z) <= 0:
+        raise InvalidRequest(f"voxel_size: {voxel_size!r} is not above 0", field="voxel_size")
+    grid.voxel_size.CopyFrom(types.Vec3(x=x, y=y, z=z))
+    if dims is not None and origin is not None:
+        if len(dims) != 3:
+            raise InvalidRequest(f"dims: {dims!r} are not three numbers: x, y, z", field="dims")
+        sizes = [_whole(axis, "dims") for axis in dims]
+        if min(sizes) < 1:
+            raise InvalidRequest(f"dims: {dims!r} are not above 0", field="dims")
+        grid.dims.CopyFrom(types.Dims(x=sizes[0], y=sizes[1], z=sizes[2]))
+        x, y, z = _per_axis(origin, "origin")
+        grid.origin.CopyFrom(types.Vec3(x=x, y=y, z=z))
+    return grid
+
+
+def _shader(shader: ShaderLike | None) -> Shader | None:
+    return Shader.parse(shader) if isinstance(shader, str) else shader
+
+
+def _targets(
+    targets: Sequence[TargetLike] | TargetLike | None,
+    named: Mapping[str, TargetLike],
+    shader: Shader | None,
+    result: names.ResultKind,
+) -> tuple[Target, ...]:
+    if isinstance(targets, (str, Target)):
+        targets = [targets]
+    if targets is not None and named:
+        raise InvalidRequest("targets: cannot be given together with targets by keyword", field="targets")
+    if named:
+        listed = [] if "mask" in named or result == "buckets" else [Target(name="mask")]
+        for name, target in named.items():
+            made = Target.parse(target, name) if isinstance(target, str) else dataclasses.replace(target, name=name)
+            listed.append(made)
+        if listed[0].name == "mask" and listed[0].shader is None:
+            listed[0] = dataclasses.replace(listed[0], shader=Shader("occupancy"))
+    elif targets is None:
+        listed = [Target() if shader is None or shader.name == "occupancy" else Target(format="f32")]
+    else:
+        listed = [Target.parse(target) if isinstance(target, str) else target for target in targets]
+    if not 1 <= len(listed) <= _MAX_TARGETS:
+        raise InvalidRequest(f"targets: {len(listed)} of them; 1 to {_MAX_TARGETS} are possible", field="targets")
+    numbered = [
+        target if target.name else dataclasses.replace(target, name=f"target{i}") for i, target in enumerate(listed)
+    ]
+    seen: set[str] = set()
+    for target in numbered:
+        if not target.name.isidentifier() or target.name.startswith("_") or target.name in seen:
+            raise InvalidRequest(f"targets: the name '{target.name}' is used twice or not a name", field="targets")
+        seen.add(target.name)
+    return tuple(numbered)
+
+
+def make_request(
+    *,
+    resolution: int | None = None,
+    voxel_size: names.PerAxis | None = None,
+    dims: Sequence[int] | None = None,
+    origin: Sequence[float] | None = None,
+    like: "VoxelGrid | GridPlace | None" = None,
+    fit: names.Fit = "tight",
+    padding: int = 0,
+    coverage: names.Coverage = "conservative",
+    fill: names.Fill = "none",
+    targets: Sequence[TargetLike] | TargetLike | None = None,
+    shader: ShaderLike | None = None,
+    vertex_shader: ShaderLike | None = None,
+    result: names.ResultKind = "dense",
+    layout: names.Layout = "interleaved",
+    backend: names.Backend = "auto",
+    priority: names.Priority = "normal",
+    compression: names.Compression = "none",
+    packed_bits: bool = False,
+    content_hash: bool = False,
+    strict: bool = False,
+    **named: TargetLike,
+) -> Request:
+    """The request that these options describe (see voxelize()). Errors: InvalidRequest naming the option."""
+    for name, target in named.items():
+        if not isinstance(target, (str, Target)):
+            raise TypeError(f"'{name}' is no option of a request; as the name of a target it takes a Target or a text")
+    default_shader = _shader(shader)
+    listed = _targets(targets, named, default_shader, result)
+    config = service.VoxelizeConfig(
+        grid=_grid(resolution, voxel_size, dims, origin, like, fit, padding),
+        coverage=_choice(types.Coverage, "COVERAGE", coverage, names.Coverage, "coverage"),
+        fill=_choice(types.Fill, "FILL", fill, names.Fill, "fill"),
+        result=_choice(types.ResultKind, "RESULT_KIND", result, names.ResultKind, "result"),
+        layout=_choice(types.Layout, "LAYOUT", layout, names.Layout, "layout"),
+        backend=_choice(types.Backend, "BACKEND", backend, names.Backend, "backend"),
+        priority=_choice(types.Priority, "PRIORITY", priority, names.Priority, "priority"),
+        compression=_choice(types.Compression, "COMPRESSION", compression, names.Compression, "compression"),
+        targets=[target.to_message(default_shader) for target in listed],
+        without_content_hash=not content_hash,
+        strict=strict,
+    )
+    vertex = _shader(vertex_shader)
+    if vertex is not None:
+        config.vertex_shader.CopyFrom(vertex.to_message())
+    return Request(config, listed, packed_bits, content_hash)
