@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from voxelpipe import _crc32c, _wire
+from voxelpipe._calls import crc32c as _crc32c, wire as _wire
 from voxelpipe._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 
 

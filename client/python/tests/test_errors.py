@@ -11,7 +11,7 @@ import pytest
 
 import voxelpipe
 from voxelpipe import Client, LocalServer
-from voxelpipe._grpc import grpc
+from voxelpipe._calls.grpc_module import grpc
 from voxelpipe._proto.google.rpc import error_details_pb2, status_pb2
 
 from . import shapes

@@ -11,8 +11,8 @@ import numpy
 import pytest
 
 from voxelpipe import InvalidMesh, Mesh
-from voxelpipe.glb import write_glb
-from voxelpipe.meshes import load_mesh
+from voxelpipe._mesh.glb import write_glb
+from voxelpipe._mesh.forms import load_mesh
 
 from . import shapes
 

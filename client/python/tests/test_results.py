@@ -13,8 +13,8 @@ import pytest
 
 import voxelpipe
 from voxelpipe import Client, Shader, Target, VoxelGrid
-from voxelpipe.glb import write_glb
-from voxelpipe.meshes import MeshFile
+from voxelpipe._mesh.glb import write_glb
+from voxelpipe._mesh.forms import MeshFile
 
 from . import shapes
 
@@ -201,6 +201,6 @@ def test_parameters_and_warnings(client: Client) -> None:
 
 def test_a_mesh_file_object_is_kept_as_it_is() -> None:
     file = MeshFile(memoryview(b"abc"))
-    from voxelpipe.meshes import load_mesh
+    from voxelpipe._mesh.forms import load_mesh
 
     assert load_mesh(file) is file

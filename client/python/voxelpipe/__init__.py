@@ -8,7 +8,7 @@ Voxel (i, j, k) spans [i, i+1) x [j, j+1) x [k, k+1) in index space; arrays have
 voxel (i, j, k) is array[k, j, i].
 """
 from . import errors
-from ._session import Tls
+from ._calls.session import Tls
 from ._version import VERSION
 from .aio import AsyncClient
 from .api import default_client, shutdown, voxelize
@@ -30,7 +30,7 @@ from .errors import (
     Unavailable,
     VoxelpipeError,
 )
-from .glb import Mesh
+from ._mesh.glb import Mesh
 from .grid import Sparse, VoxelGrid
 from .local_server import LocalServer, local_server
 from .place import GridPlace

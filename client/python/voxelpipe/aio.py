@@ -6,11 +6,11 @@ import os
 from typing import Any, AsyncIterator, Awaitable, Callable, Iterable, Sequence, TypeVar
 
 from . import names
-from ._grpc import grpc
+from ._calls.grpc_module import grpc
+from ._calls.reader import ResultReader
+from ._calls.retry import Deadline, Retries
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ._reader import ResultReader
-from ._retry import Deadline, Retries
-from ._session import (
+from ._calls.session import (
     SERVICE,
     Job,
     Options,
@@ -22,11 +22,11 @@ from ._session import (
     positions_file,
     upload_messages,
 )
-from ._status import NeedsStream, of_call
+from ._calls.status import NeedsStream, of_call
+from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from .client import MeshHandle
 from .errors import MeshNotFound, NotSupported, VoxelpipeError
 from .grid import VoxelGrid
-from .meshes import MeshFile, MeshLike, load_mesh
 from .place import GridPlace
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
 from .request import ShaderLike, TargetLike, make_request

@@ -6,11 +6,11 @@ import threading
 from typing import Any, Sequence
 
 from . import names
-from ._session import Progress
+from ._calls.session import Progress
+from ._mesh.forms import MeshLike
 from .client import Client, MeshHandle
 from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
-from .meshes import MeshLike
 from .place import GridPlace
 from .request import ShaderLike, TargetLike
 

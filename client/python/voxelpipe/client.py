@@ -7,17 +7,17 @@ import time
 from typing import Any, Callable, Iterable, Iterator, Sequence, TypeVar
 
 from . import names
-from ._connection import Connection
-from ._grpc import grpc
-from ._many import Many
+from ._calls.connection import Connection
+from ._calls.grpc_module import grpc
+from ._calls.many import Many
+from ._calls.reader import ResultReader
+from ._calls.retry import Deadline, Retries
+from ._calls.session import Job, Options, Progress, Reporter, Tls, estimate_request, positions_file, upload_messages
+from ._calls.status import NeedsStream
+from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ._reader import ResultReader
-from ._retry import Deadline, Retries
-from ._session import Job, Options, Progress, Reporter, Tls, estimate_request, positions_file, upload_messages
-from ._status import NeedsStream
 from .errors import DataLoss, MeshNotFound, NotSupported, VoxelpipeError
 from .grid import VoxelGrid
-from .meshes import MeshFile, MeshLike, load_mesh
 from .place import GridPlace
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
 from .request import Request, ShaderLike, TargetLike, make_request

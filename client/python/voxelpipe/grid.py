@@ -9,7 +9,7 @@ from typing import Any, Iterator, Literal, NamedTuple
 import numpy
 import numpy.typing
 
-from . import convert, picture, save
+from ._export import convert, picture, save
 from .buckets import Array, Buckets
 from .names import Layout, ResultKind
 from .place import Floats, GridPlace, Integers, Vector

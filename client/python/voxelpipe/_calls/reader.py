@@ -7,16 +7,16 @@ from typing import Any, Callable
 import numpy
 import numpy.typing
 
-from ._crc32c import crc32c
-from ._proto.voxelpipe.v1 import types_pb2 as types
-from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ._wire import Piece, read_piece
-from .errors import DataLoss, MissingPackage, TooLarge
-from .grid import VoxelGrid
-from .place import GridPlace
-from .report import Summary, read_place, read_warnings
-from .request import Request
-from .targets import DTYPES
+from .._proto.voxelpipe.v1 import types_pb2 as types
+from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from ..errors import DataLoss, MissingPackage, TooLarge
+from ..grid import VoxelGrid
+from ..place import GridPlace
+from ..report import Summary, read_place, read_warnings
+from ..request import Request
+from ..targets import DTYPES
+from .crc32c import crc32c
+from .wire import Piece, read_piece
 
 Report = Callable[[str, float, int], None]
 

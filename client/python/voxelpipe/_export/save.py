@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy
 
 if TYPE_CHECKING:
-    from .grid import VoxelGrid
+    from ..grid import VoxelGrid
 
 _EXTENSIONS = (".npy", ".npz", ".raw", ".png")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 import random
 import time
 
-from . import errors
+from .. import errors
 
 _FIRST_DELAY_S, _MAX_DELAY_S = 0.1, 5.0
 

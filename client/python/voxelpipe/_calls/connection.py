@@ -7,10 +7,10 @@ import time
 import weakref
 from typing import Any, Callable, Iterator
 
-from . import errors
-from ._grpc import FORKS_ARE_SAFE, grpc
-from ._session import SERVICE, Options, new_request_id
-from ._status import of_call
+from .. import errors
+from .grpc_module import FORKS_ARE_SAFE, grpc
+from .session import SERVICE, Options, new_request_id
+from .status import of_call
 
 _UNSAFE = (
     "this process was forked while {}; use the start method spawn or forkserver (multiprocessing.get_context), or fork "

@@ -7,8 +7,8 @@ from __future__ import annotations
 import dataclasses
 import struct
 
-from ._crc32c import crc32c
-from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from .crc32c import crc32c
 
 UPLOAD_PIECE_BYTES = 1 << 20
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5

@@ -9,7 +9,7 @@ from typing import Any
 import numpy
 import numpy.typing
 
-from .errors import InvalidMesh
+from ..errors import InvalidMesh
 
 Array = numpy.typing.NDArray[Any]
 

@@ -10,11 +10,11 @@ from typing import IO, Any, Sequence, Union
 
 import numpy
 
+from .._proto.voxelpipe.v1 import types_pb2 as types
+from ..errors import InvalidMesh
+from ..names import MeshFormat
 from . import gltf_files
-from ._proto.voxelpipe.v1 import types_pb2 as types
-from .errors import InvalidMesh
 from .glb import Mesh, as_numpy, write_glb
-from .names import MeshFormat
 
 # A path, the bytes of a file, a binary file object, Mesh, (vertices, faces), or an object of another library.
 MeshLike = Union[str, "os.PathLike[str]", bytes, bytearray, memoryview, IO[bytes], Mesh, Sequence[Any], Any]

@@ -9,7 +9,7 @@ import struct
 import urllib.parse
 from typing import Any
 
-from .errors import InvalidMesh
+from ..errors import InvalidMesh
 from .glb import glb_of
 
 _MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")

@@ -9,13 +9,13 @@ from typing import Any, Callable, Iterator, Union
 
 import numpy
 
-from . import _wire
-from ._crc32c import crc32c
-from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from .errors import InvalidRequest
-from .glb import as_numpy
-from .meshes import MeshFile
-from .request import Request
+from .._mesh.forms import MeshFile
+from .._mesh.glb import as_numpy
+from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from ..errors import InvalidRequest
+from ..request import Request
+from . import wire as _wire
+from .crc32c import crc32c
 
 # callable(stage, fraction of the stage, bytes of the result so far); True: a bar of tqdm, if it is installed.
 Progress = Union[Callable[[str, float, int], None], bool, None]

@@ -4,20 +4,20 @@ from __future__ import annotations
 import queue
 from typing import TYPE_CHECKING, Any, Iterable, Iterator
 
-from ._connection import Connection
-from ._crc32c import crc32c
-from ._grpc import grpc
-from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ._reader import ResultReader
-from ._session import Job
-from ._status import of_status
-from .errors import MeshNotFound, VoxelpipeError
-from .grid import VoxelGrid
-from .meshes import MeshFile, load_mesh
-from .request import Request
+from .._mesh.forms import MeshFile, load_mesh
+from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from ..errors import MeshNotFound, VoxelpipeError
+from ..grid import VoxelGrid
+from ..request import Request
+from .connection import Connection
+from .crc32c import crc32c
+from .grpc_module import grpc
+from .reader import ResultReader
+from .session import Job
+from .status import of_status
 
 if TYPE_CHECKING:
-    from .client import Client
+    from ..client import Client
 
 _ROOM_BYTES = 1 << 16  # of a message, besides its mesh
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy
 import numpy.typing
 
-from .errors import MissingPackage
+from ..errors import MissingPackage
 
 if TYPE_CHECKING:
-    from .grid import VoxelGrid
+    from ..grid import VoxelGrid
 
 Array = numpy.typing.NDArray[Any]
 

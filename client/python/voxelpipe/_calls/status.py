@@ -3,9 +3,9 @@ from __future__ import annotations
 
 from typing import Any, Iterable
 
-from . import errors
-from ._proto.google.rpc import error_details_pb2 as details_pb2
-from ._proto.google.rpc import status_pb2
+from .. import errors
+from .._proto.google.rpc import error_details_pb2 as details_pb2
+from .._proto.google.rpc import status_pb2
 
 _DETAILS = "grpc-status-details-bin"
 _PUSHBACK = "grpc-retry-pushback-ms"

@@ -14,7 +14,7 @@ import numpy
 import numpy.typing
 
 if TYPE_CHECKING:
-    from .grid import VoxelGrid
+    from ..grid import VoxelGrid
 
 Array = numpy.typing.NDArray[Any]
 

@@ -1,0 +1,1 @@
+"""Calls on a server: bytes, messages, retries, results."""

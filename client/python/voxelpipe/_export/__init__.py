@@ -1,0 +1,1 @@
+"""Results for other programs: files, pictures, objects of other libraries."""

@@ -1,0 +1,1 @@
+"""Meshes in every form that callers have, as files."""
