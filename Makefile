@@ -19,8 +19,9 @@ help: ## List the tasks
 	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan|ci] [JOBS=N]"
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1|\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{printf "%-14s%s\n", $$1, $$2}'
 
-setup: ## Install the missing Debian packages (docker/packages-build.txt)
+setup: ## Install the missing Debian packages (docker/packages-build.txt, packages-python.txt)
 	@bash tests/support/apt_install.sh docker/packages-build.txt
+	@bash tests/support/apt_install.sh docker/packages-python.txt || echo "setup: going on without the tests in Python"
 
 configure: setup
 	@mkdir -p $(BUILD_DIR)
