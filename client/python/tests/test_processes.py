@@ -89,24 +89,6 @@ def test_forked_children_open_connections_of_their_own(server: LocalServer, tmp_
     assert output_of(FORKED, server, tmp_path) == ["done"]
 
 
-FORKED_BESIDE_CALLS = """
-    expected = occupied(1)
-    stop = threading.Event()
-    beside = threading.Thread(target=lambda: [occupied(1) for _ in iter(stop.is_set, True)])
-    beside.start()
-    for _ in range(3):
-        with multiprocessing.get_context("fork").Pool(2) as pool:
-            assert pool.map_async(occupied, [1, 2]).get(timeout=30) == [expected] * 2
-    stop.set()
-    beside.join()
-    print(occupied(1) == expected)
-"""
-
-
-def test_a_fork_waits_for_the_calls_of_other_threads(server: LocalServer, tmp_path: pathlib.Path) -> None:
-    assert output_of(FORKED_BESIDE_CALLS, server, tmp_path) == ["True"]
-
-
 LOADED = """
     import torch.utils.data
 
