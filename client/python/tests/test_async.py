@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import Any, Coroutine
+from typing import Any, AsyncIterator, Coroutine
 
 import pytest
 
@@ -28,6 +28,7 @@ def test_it_gives_what_client_gives(server: LocalServer, client: Client, ball: s
             assert seen[0] == "upload" and seen[-1] == "download"
             handle = await other.upload(ball)
             assert await other.voxelize(handle, resolution=16) == small
+            assert (await other.stored_mesh(handle)).mesh_id == handle.mesh_id
             await other.delete_mesh(handle)
             assert await other.voxelize(handle, resolution=16) == small
             assert (await other.estimate(ball, resolution=16)).place == small.place
@@ -42,11 +43,18 @@ def test_many_meshes_come_in_their_order(server: LocalServer) -> None:
         vertices, faces = shapes.TETRAHEDRON
         async with AsyncClient(server.server) as client:
             meshes: list[Any] = [(vertices * (1, 1, 1 + i), faces) for i in range(12)]
-            meshes[5] = b"nonsense"
-            dims = []
-            async for result in client.voxelize_many(meshes, voxel_size=0.25, in_flight=4, errors="return"):
-                dims.append(result.dims[2] if isinstance(result, voxelpipe.VoxelGrid) else 0)
-            assert dims == [0 if i == 5 else 4 * (1 + i) for i in range(12)]
+            meshes[5], meshes[7] = b"nonsense", "/missing.glb"
+
+            async def read() -> AsyncIterator[Any]:
+                for mesh in meshes:
+                    yield mesh
+
+            sources: list[Any] = [meshes, read()]
+            for source in sources:
+                dims = []
+                async for result in client.voxelize_many(source, voxel_size=0.25, in_flight=4, errors="return"):
+                    dims.append(result.dims[2] if isinstance(result, voxelpipe.VoxelGrid) else 0)
+                assert dims == [0 if i in (5, 7) else 4 * (1 + i) for i in range(12)]
 
     asyncio.run(run())
 

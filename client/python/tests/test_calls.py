@@ -5,6 +5,7 @@ import concurrent.futures
 import pathlib
 import pickle
 import subprocess
+import time
 from typing import Iterator
 
 import numpy
@@ -92,6 +93,28 @@ def test_errors_of_many_meshes(client: Client) -> None:
     assert [type(result).__name__ for result in results] == ["VoxelGrid", "InvalidMesh", "VoxelGrid", "InvalidMesh"]
     with pytest.raises(voxelpipe.InvalidMesh):
         list(client.voxelize_many(meshes, resolution=8))
+
+
+def test_a_file_that_cannot_be_read_takes_the_place_of_its_result(client: Client, tmp_path: pathlib.Path) -> None:
+    meshes = [shapes.cube(), tmp_path / "missing.glb", shapes.cube()]
+    results = list(client.voxelize_many(meshes, resolution=8, errors="return"))
+    assert results[0] == results[2] and isinstance(results[1], voxelpipe.InvalidMesh)
+    assert isinstance(results[1].__cause__, FileNotFoundError)
+    with pytest.raises(FileNotFoundError):
+        list(client.voxelize_many(meshes, resolution=8))
+
+
+def test_each_of_many_meshes_has_the_timeout(client: Client) -> None:
+    meshes = [shapes.cube(), shapes.heavy(), shapes.cube()]
+    start = time.monotonic()
+    results = list(client.voxelize_many(meshes, resolution=1000, packed_bits=True, timeout=0.6, errors="return"))
+    assert isinstance(results[1], voxelpipe.DeadlineExceeded) and time.monotonic() - start < 10
+
+
+def test_the_timeout_leaves_out_the_callers_own_work(client: Client) -> None:
+    for grid in client.voxelize_many([shapes.cube()] * 4, resolution=8, timeout=1.5, in_flight=4):
+        assert isinstance(grid, voxelpipe.VoxelGrid)
+        time.sleep(0.5)
 
 
 def test_many_large_results(client: Client, ball: shapes.Triangles) -> None:

@@ -3,6 +3,10 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import pathlib
+import sys
+import types
+import webbrowser
 from typing import Any
 
 import numpy
@@ -82,6 +86,33 @@ def test_napari_places_the_centre(grid: VoxelGrid) -> None:
     assert grid.to_napari("normal")["data"].shape == (3, 8, 10, 20)
 
 
+def test_trimesh_gets_x_first_and_the_centre(grid: VoxelGrid, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: Any = types.SimpleNamespace(VoxelGrid=lambda matrix, transform: (matrix, transform))
+    monkeypatch.setitem(sys.modules, "trimesh", types.ModuleType("trimesh"))
+    monkeypatch.setitem(sys.modules, "trimesh.voxel", made)
+    matrix, transform = grid.to_trimesh()
+    i, j, k = grid.occupied()[7]
+    assert matrix.shape == (20, 10, 8) and matrix[i, j, k]
+    assert numpy.allclose(transform @ (i, j, k, 1), (*grid.world((i, j, k)), 1))
+
+
+def test_open3d_gets_centres_and_colors(grid: VoxelGrid, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: Any = types.ModuleType("open3d")
+    made.geometry = types.SimpleNamespace(PointCloud=lambda points: types.SimpleNamespace(points=points))
+    made.utility = types.SimpleNamespace(Vector3dVector=numpy.asarray)
+    monkeypatch.setitem(sys.modules, "open3d", made)
+    cloud = grid.to_open3d("color")
+    assert numpy.allclose(cloud.points, grid.world(grid.occupied()))
+    assert numpy.allclose(cloud.colors, numpy.array([[200, 100, 50]]) / 255)
+
+
+def test_pyvista_wraps_the_image_of_vtk(grid: VoxelGrid, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("vtkmodules")
+    made: Any = types.SimpleNamespace(wrap=lambda image: image)
+    monkeypatch.setitem(sys.modules, "pyvista", made)
+    assert grid.to_pyvista().GetDimensions() == (21, 11, 9)
+
+
 @pytest.mark.parametrize("name", ["trimesh", "open3d"])
 def test_a_missing_library_is_named(grid: VoxelGrid, name: str) -> None:
     if importlib.util.find_spec(name):
@@ -112,3 +143,12 @@ def test_pictures_show_the_voxels(grid: VoxelGrid, client: Client, ball: shapes.
         assert image.open(io.BytesIO(other._repr_png_())).size[0] > 900
     plain = client.voxelize(ball, resolution=20, targets="position:f32")
     assert len(plain._repr_png_()) > 100
+
+
+def test_show_opens_a_page(grid: VoxelGrid, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    grid.show()
+    page = pathlib.Path(opened[0].removeprefix("file://")).read_text(encoding="utf-8")
+    assert page.startswith("<!DOCTYPE html>") and grid._repr_html_() in page

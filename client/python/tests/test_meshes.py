@@ -5,6 +5,7 @@ import io
 import json
 import pathlib
 import struct
+import types
 from typing import Any
 
 import numpy
@@ -12,7 +13,7 @@ import pytest
 
 from voxelpipe import InvalidMesh, Mesh
 from voxelpipe._mesh.glb import write_glb
-from voxelpipe._mesh.forms import load_mesh
+from voxelpipe._mesh.forms import arrays_of, load_mesh
 
 from . import shapes
 
@@ -64,6 +65,36 @@ def test_arrays_are_sent_as_glb(mesh: Any) -> None:
     positions, triangles = arrays_in(load_mesh(mesh).data)
     assert numpy.array_equal(positions, VERTICES.astype("f4"))
     assert numpy.array_equal(triangles, FACES)
+
+
+def test_colors_of_trimesh_and_normals_of_open3d_are_taken() -> None:
+    colors = numpy.array([[255, 0, 0, 255]] * len(VERTICES), numpy.uint8)
+    visual = types.SimpleNamespace(kind="vertex", vertex_colors=colors)
+    colored = arrays_of(types.SimpleNamespace(vertices=VERTICES, faces=FACES, visual=visual))
+    assert colored.colors is colors
+    like_open3d = types.SimpleNamespace(
+        vertices=VERTICES,
+        triangles=FACES,
+        has_vertex_colors=lambda: False,
+        has_vertex_normals=lambda: True,
+        vertex_normals=VERTICES,
+    )
+    taken = arrays_of(like_open3d)
+    assert taken.colors is None and numpy.array_equal(taken.normals, VERTICES) and numpy.array_equal(taken.faces, FACES)
+
+
+def test_vtk_polygons_become_triangles_and_normals_are_kept() -> None:
+    pytest.importorskip("vtkmodules")
+    from vtkmodules.vtkFiltersSources import vtkCubeSource
+
+    source = vtkCubeSource()
+    source.Update()
+    mesh = arrays_of(source.GetOutput())
+    assert mesh.faces.shape == (12, 3) and mesh.normals.shape == mesh.vertices.shape == (24, 3)
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]].astype(float) for corner in range(3))
+    across = numpy.cross(b - a, c - a)
+    assert numpy.linalg.norm(across, axis=1).sum() / 2 == pytest.approx(6)
+    assert (numpy.einsum("ij,ij->i", across, mesh.normals[mesh.faces[:, 0]]) > 0).all()
 
 
 def test_quads_are_split_along_one_diagonal() -> None:

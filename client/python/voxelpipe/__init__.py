@@ -30,6 +30,7 @@ from .errors import (
     Unavailable,
     VoxelpipeError,
 )
+from ._mesh.forms import MeshFile, load_mesh
 from ._mesh.glb import Mesh
 from .grid import Sparse, VoxelGrid
 from .local_server import LocalServer, local_server
@@ -51,6 +52,7 @@ __all__ = [
     "InvalidRequest",
     "LocalServer",
     "Mesh",
+    "MeshFile",
     "MeshHandle",
     "MeshNotFound",
     "MeshReport",
@@ -75,6 +77,7 @@ __all__ = [
     "VoxelpipeError",
     "default_client",
     "errors",
+    "load_mesh",
     "local_server",
     "shutdown",
     "voxelize",

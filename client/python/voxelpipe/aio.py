@@ -3,10 +3,11 @@ from __future__ import annotations
 
 import asyncio
 import os
-from typing import Any, AsyncIterator, Awaitable, Callable, Iterable, Sequence, TypeVar
+from typing import Any, AsyncIterable, AsyncIterator, Awaitable, Callable, Iterable, Sequence, TypeVar
 
 from . import names
 from ._calls.grpc_module import grpc
+from ._calls.many import unreadable
 from ._calls.reader import ResultReader
 from ._calls.retry import Deadline, Retries
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
@@ -33,6 +34,7 @@ from .request import ShaderLike, TargetLike, make_request
 
 _QUICK_S = 10.0
 _Result = TypeVar("_Result")
+_Item = TypeVar("_Item")
 
 
 class AsyncClient:
@@ -165,33 +167,40 @@ class AsyncClient:
             reporter.close()
 
     async def voxelize_many(
-        self, meshes: Iterable[MeshLike | MeshHandle], *, in_flight: int = 16, errors: str = "raise", **options: Any
+        self,
+        meshes: Iterable[MeshLike | MeshHandle] | AsyncIterable[MeshLike | MeshHandle],
+        *,
+        in_flight: int = 16,
+        errors: str = "raise",
+        **options: Any,
     ) -> AsyncIterator[VoxelGrid | VoxelpipeError]:
         """Voxelizes many meshes with the same options, in_flight at a time. Yields the results in their order.
 
-        errors: "raise" ends at the first mesh that fails; "return" yields its error in the place of its result.
+        meshes: also an async iterable. errors: see Client.voxelize_many(). Each mesh is a call of its own.
         """
         if errors not in ("raise", "return"):
             raise ValueError(f"errors: '{errors}' is neither raise nor return")
-        source = iter(meshes)
+        if in_flight < 1:
+            raise ValueError(f"in_flight: {in_flight} is below 1")
+        source = meshes.__aiter__() if isinstance(meshes, AsyncIterable) else _as_async(meshes)
         running: list[asyncio.Task[VoxelGrid]] = []
         try:
             more = True
             while more or running:
                 while more and len(running) < in_flight:
                     try:
-                        running.append(asyncio.ensure_future(self.voxelize(next(source), **options)))
-                    except StopIteration:
+                        running.append(asyncio.ensure_future(self.voxelize(await source.__anext__(), **options)))
+                    except StopAsyncIteration:
                         more = False
                 if not running:
                     return
                 result: VoxelGrid | VoxelpipeError
                 try:
                     result = await running[0]
-                except VoxelpipeError as error:
+                except (VoxelpipeError, OSError) as error:
                     if errors == "raise":
                         raise
-                    result = error
+                    result = error if isinstance(error, VoxelpipeError) else unreadable(error)
                 running.pop(0)
                 yield result
         finally:
@@ -211,6 +220,11 @@ class AsyncClient:
             reporter.close()
         stored = StoredMesh.of(response.mesh)
         return MeshHandle(stored.mesh_id, stored, response.already_stored, file if keep else None)
+
+    async def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
+        """The server's description of a kept mesh: see Client.stored_mesh()."""
+        request = service.GetMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
+        return StoredMesh.of(service.GetMeshResponse.FromString(await self._quick("GetMesh", request)).mesh)
 
     async def delete_mesh(self, mesh: MeshHandle | str) -> int:
         """Releases this caller's claim on a mesh: see Client.delete_mesh()."""
@@ -321,6 +335,6 @@ class AsyncClient:
         return service.UploadMeshResponse.FromString(answer)
 
 
-async def _as_async(messages: Iterable[bytes]) -> AsyncIterator[bytes]:
-    for message in messages:
-        yield message
+async def _as_async(items: Iterable[_Item]) -> AsyncIterator[_Item]:
+    for item in items:
+        yield item

@@ -212,8 +212,9 @@ class Client:
         """Voxelizes many meshes with the same options, over one stream. Yields the results in the order of the meshes.
 
         meshes: an iterable, read as far ahead as in_flight, the largest number of meshes and results in memory.
-        options: those of voxelize(); timeout is that of each mesh. errors: "raise" ends at the first mesh that fails;
-        "return" yields its error in the place of its result. Busy servers and lost connections are tried again.
+        options: those of voxelize(); timeout: seconds of waiting for each mesh, from when it is sent. errors: "raise"
+        ends at the first mesh that fails; "return" yields its error in the place of its result, of a file that cannot
+        be read InvalidMesh with the OSError as its cause. Busy servers and lost connections are tried again.
         """
         if errors not in ("raise", "return"):
             raise ValueError(f"errors: '{errors}' is neither raise nor return")

@@ -293,6 +293,10 @@ class VoxelGrid:
         """A vtkImageData with the targets of a dense result as cell data."""
         return convert.to_vtk(self)
 
+    def to_pyvista(self) -> Any:
+        """A pyvista.ImageData with the targets of a dense result as cell data. Errors: MissingPackage."""
+        return convert.to_pyvista(self)
+
     def to_napari(self, name: str = "") -> dict[str, Any]:
         """Keyword arguments for napari.Viewer.add_image: data, name, scale and translate (z, y, x)."""
         return convert.to_napari(self, name)
@@ -302,7 +306,7 @@ class VoxelGrid:
         save.save(self, path)
 
     def show(self) -> None:
-        """Shows the picture of _repr_png_: in a notebook there, else in the system's viewer."""
+        """Shows size, place and picture: in a notebook there, else as a page in the browser."""
         picture.show(self)
 
     def _repr_png_(self) -> bytes:

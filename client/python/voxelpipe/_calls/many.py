@@ -1,12 +1,15 @@
 """Many meshes over one stream, VoxelizeMany: most of the cost of a small job is the call."""
 from __future__ import annotations
 
+import math
 import queue
+import threading
+import time
 from typing import TYPE_CHECKING, Any, Iterable, Iterator
 
 from .._mesh.forms import MeshFile, load_mesh
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ..errors import MeshNotFound, VoxelpipeError
+from ..errors import DeadlineExceeded, InvalidMesh, MeshNotFound, VoxelpipeError
 from ..grid import VoxelGrid
 from ..request import Request
 from .connection import Connection
@@ -20,15 +23,59 @@ if TYPE_CHECKING:
     from ..client import Client
 
 _ROOM_BYTES = 1 << 16  # of a message, besides its mesh
+_WATCH_S = 0.1  # between two looks for late jobs
+
+
+class _Clock:
+    """Seconds that a run has waited for the server. It stands while the caller works on results or reads meshes."""
+
+    def __init__(self) -> None:
+        self._state: tuple[float, float | None] = (0.0, None)  # before it was started, and when it was
+
+    def now(self) -> float:
+        """Seconds."""
+        before, started = self._state
+        return before if started is None else before + time.monotonic() - started
+
+    def start(self) -> None:
+        """Goes on."""
+        self._state = (self.now(), time.monotonic())
+
+    def stop(self) -> None:
+        """Stands."""
+        self._state = (self.now(), None)
 
 
 class _Waiting:
-    """A job without a complete answer."""
+    """A job without a complete answer. late_at: by the run's clock."""
 
-    def __init__(self, job: Job, file: MeshFile | None, reader: ResultReader) -> None:
+    def __init__(self, job: Job, file: MeshFile | None, reader: ResultReader, late_at: float) -> None:
         self.job = job
         self.file = file
         self.reader = reader
+        self.late_at = late_at
+
+
+class _Watch:
+    """Cancels a stream when one of its jobs is late: the stream as a whole has no deadline."""
+
+    def __init__(self, call: Any, waiting: dict[int, _Waiting], clock: _Clock) -> None:
+        self._call = call
+        self._waiting = waiting
+        self._clock = clock
+        self._ended = threading.Event()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def end(self) -> None:
+        """Leaves the stream alone."""
+        self._ended.set()
+
+    def _run(self) -> None:
+        while not self._ended.wait(_WATCH_S):
+            now = self._clock.now()
+            if any(job.late_at <= now for job in list(self._waiting.values())):
+                self._call.cancel()
+                return
 
 
 class Many:
@@ -54,6 +101,8 @@ class Many:
         self._waiting: dict[int, _Waiting] = {}
         self._done: dict[int, VoxelGrid | VoxelpipeError] = {}
         self._call: Any = None
+        self._clock = _Clock()
+        self._watch: _Watch | None = None
         self._request_id = ""
         self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
 
@@ -94,11 +143,18 @@ class Many:
         except VoxelpipeError as error:
             self._done[number] = error
             return
+        except OSError as error:
+            if not self._keep:
+                raise
+            self._done[number] = unreadable(error)
+            return
         if self._call is None:
             self._open()
-        limit = self._connection.options.max_result_bytes
-        reader = ResultReader(self._request, limit, self._request_id, None)
-        self._waiting[number] = _Waiting(job, file, reader)
+        options = self._connection.options
+        reader = ResultReader(self._request, options.max_result_bytes, self._request_id, None)
+        timeout = options.timeout if self._timeout is None else self._timeout
+        late_at = self._clock.now() + (math.inf if timeout is None else timeout)
+        self._waiting[number] = _Waiting(job, file, reader, late_at)
         data = bytes(job.data)
         message = service.VoxelizeManyRequest(
             id=number, config=job.config(), mesh=data, crc32c=crc32c(data), takes_more=True
@@ -113,8 +169,12 @@ class Many:
     def _open(self) -> None:
         self._queue = queue.SimpleQueue()
         self._call, self._request_id = self._connection.stream("VoxelizeMany", iter(self._queue.get, None), None)
+        self._watch = _Watch(self._call, self._waiting, self._clock)
 
     def _end(self) -> None:
+        if self._watch is not None:
+            self._watch.end()
+            self._watch = None
         if self._call is not None:
             self._call.cancel()
             self._queue.put(None)
@@ -122,13 +182,21 @@ class Many:
 
     def _receive(self) -> None:
         """Takes one response. If the stream has failed, its jobs are made as single calls, with their retries."""
+        self._clock.start()
         try:
             response = service.VoxelizeManyResponse.FromString(next(self._call))
-        except (grpc.RpcError, StopIteration):
+        except (grpc.RpcError, grpc.FutureCancelledError, StopIteration):
             self._end()
+            now = self._clock.now()
+            for number in [number for number, job in self._waiting.items() if job.late_at <= now]:
+                self._waiting.pop(number)
+                text = "not done within the timeout, counted from when the mesh was sent"
+                self._done[number] = DeadlineExceeded(text, request_id=self._request_id)
             for number in sorted(self._waiting):
                 self._alone(number)
             return
+        finally:
+            self._clock.stop()
         for one in [response, *response.more]:
             self._take(one)
 
@@ -164,3 +232,10 @@ class Many:
             self._done[number] = self._client.run(waiting.job, waiting.file, timeout=self._timeout)
         except VoxelpipeError as error:
             self._done[number] = error
+
+
+def unreadable(error: OSError) -> InvalidMesh:
+    """The error in the place of the result of a mesh whose file cannot be read; the OSError is its cause."""
+    result = InvalidMesh(str(error))
+    result.__cause__ = error
+    return result

@@ -110,6 +110,11 @@ def to_vtk(grid: "VoxelGrid") -> Any:
     return image
 
 
+def to_pyvista(grid: "VoxelGrid") -> Any:
+    """See VoxelGrid.to_pyvista."""
+    return needed("pyvista", "pyvista", "to_pyvista").wrap(to_vtk(grid))
+
+
 def to_napari(grid: "VoxelGrid", name: str) -> dict[str, Any]:
     """See VoxelGrid.to_napari. napari places the centre of the first voxel."""
     name = name or grid.targets[0].name

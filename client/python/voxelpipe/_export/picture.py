@@ -22,6 +22,10 @@ _VIEW_PIXELS = 320  # of the longest side
 _GAP_PIXELS = 8
 _BACKGROUND = (34, 37, 43)
 _PLAIN = (205, 214, 228)
+_PAGE = (
+    '<!DOCTYPE html><meta charset="utf-8"><title>voxels</title>'
+    "<style>body{{font-family:sans-serif}} th{{text-align:left;padding-right:1em}}</style>{}"
+)
 _MAX_AXIS = 320  # larger grids are thinned, several voxels to one
 
 
@@ -166,8 +170,8 @@ def show(grid: "VoxelGrid") -> None:
         from IPython import display, get_ipython
 
         if get_ipython() is not None:
-            display.display(display.Image(data=png(grid)))
+            display.display(display.HTML(html(grid)))
             return
-    with tempfile.NamedTemporaryFile(prefix="voxelpipe-", suffix=".png", delete=False) as file:
-        file.write(png(grid))
+    with tempfile.NamedTemporaryFile("w", encoding="utf-8", prefix="voxelpipe-", suffix=".html", delete=False) as file:
+        file.write(_PAGE.format(html(grid)))
     webbrowser.open(f"file://{file.name}")

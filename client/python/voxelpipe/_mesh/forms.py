@@ -36,8 +36,10 @@ class MeshFile:
 
 
 def load_mesh(mesh: MeshLike, *, format: MeshFormat = "auto", allow_outside: bool = False) -> MeshFile:
-    """The file of a mesh in any form. In: the format of bytes and files, detected by default; whether a glTF file may
-    name files outside of its folder. Errors: InvalidMesh, OSError for a file that cannot be read, TypeError.
+    """The file of a mesh in any form; give it in place of the mesh, as often as you like.
+
+    mesh: see voxelize(). format: of bytes and files; detected by default. allow_outside: a glTF file may name files
+    outside of its folder. Errors: InvalidMesh, OSError for a file that cannot be read, TypeError.
     """
     if isinstance(mesh, MeshFile):
         return mesh
@@ -95,7 +97,9 @@ def arrays_of(mesh: Any) -> Mesh:
             *(None if part is None else as_numpy(part) for part in (mesh.vertices, mesh.triangles, normals, colors))
         )
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
-        return Mesh(mesh.vertices, mesh.faces)
+        visual: Any = getattr(mesh, "visual", None)  # trimesh's
+        colors = visual.vertex_colors if getattr(visual, "kind", None) == "vertex" else None
+        return Mesh(mesh.vertices, mesh.faces, colors=colors)
     if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):  # meshio
         return _of_meshio(mesh)
     if hasattr(mesh, "GetPoints") and hasattr(mesh, "GetPolys"):  # VTK, PyVista
@@ -134,6 +138,7 @@ def _of_vtk(mesh: Any) -> Mesh:
                 "the VTK mesh has triangle strips; vtkTriangleFilter makes triangles of them", field="faces"
             )
         return Mesh(vertices, numpy.zeros((0, 3), numpy.int64))
+    normals = mesh.GetPointData().GetNormals()
     offsets = vtk_to_numpy(polygons.GetOffsetsArray())
     corners = vtk_to_numpy(polygons.GetConnectivityArray())
     counts = numpy.diff(offsets)
@@ -142,4 +147,4 @@ def _of_vtk(mesh: Any) -> Mesh:
     first = numpy.cumsum(numpy.maximum(counts - 2, 0)) - numpy.maximum(counts - 2, 0)
     step = numpy.arange(len(fans)) - numpy.repeat(first, numpy.maximum(counts - 2, 0))
     faces = numpy.stack([corners[fans], corners[fans + step + 1], corners[fans + step + 2]], axis=1)
-    return Mesh(vertices, faces)
+    return Mesh(vertices, faces, None if normals is None else vtk_to_numpy(normals))
