@@ -95,31 +95,6 @@ def test_forked_children_open_connections_of_their_own(server: LocalServer, tmp_
     assert output_of(FORKED, server, tmp_path) == ["done"]
 
 
-LOADED = """
-    import torch.utils.data
-
-    class Voxels(torch.utils.data.Dataset):
-        def __len__(self):
-            return 12
-
-        def __getitem__(self, i):
-            vertices, faces = shapes.TETRAHEDRON
-            return client.voxelize((vertices * (1 + i), faces), resolution=16).to_torch().float()
-
-    before = occupied(1)
-    for workers in (0, 3):
-        batches = list(torch.utils.data.DataLoader(Voxels(), batch_size=4, num_workers=workers))
-        print(tuple(batches[0].shape), int(sum(batch.sum() for batch in batches)))
-    assert occupied(1) == before
-"""
-
-
-def test_a_torch_data_loader_forks_its_workers(server: LocalServer, tmp_path: pathlib.Path) -> None:
-    pytest.importorskip("torch")
-    alone, forked = output_of(LOADED, server, tmp_path)
-    assert alone == forked and alone.startswith("(4, 16, 16, 16)")
-
-
 def test_a_client_pickles_as_its_options(server: LocalServer) -> None:
     client = Client(server.server, timeout=7, tls=False, retries=5)
     client.server_info()
