@@ -19,7 +19,8 @@ tree="$work/tree"
 rm -rf "$tree"
 mkdir -p "$tree/client/python"
 ln -s "$here/../../proto" "$tree/proto"
-(cd "$here" && cp -r generate_stubs.py setup.py pyproject.toml README.md voxelpipe tests examples "$tree/client/python/")
+cd "$here"
+cp -r generate_stubs.py setup.py pyproject.toml README.md voxelpipe tests examples bench "$tree/client/python/"
 cd "$tree/client/python"
 bash "$python" generate_stubs.py
 export VOXELPIPE_MYPY_CACHE="$work/mypy"

@@ -87,6 +87,16 @@ def test_many_meshes_come_in_their_order(client: Client) -> None:
     assert len(read) == 40
 
 
+@pytest.mark.parametrize("in_flight", [1, 2, 3, 300])
+def test_many_meshes_with_any_number_in_flight(client: Client, in_flight: int) -> None:
+    vertices, faces = shapes.TETRAHEDRON
+    meshes = [(vertices * (1, 1, 1 + i % 5), faces) for i in range(400 if in_flight == 300 else 9)]
+    grids = list(client.voxelize_many(meshes, voxel_size=0.5, in_flight=in_flight))
+    assert [grid.dims[2] for grid in grids if isinstance(grid, voxelpipe.VoxelGrid)] == [
+        2 * (1 + i % 5) for i in range(len(meshes))
+    ]
+
+
 def test_errors_of_many_meshes(client: Client) -> None:
     meshes = [shapes.cube(), b"nonsense", shapes.cube(), (numpy.zeros((3, 3)), [[0, 1, 7]])]
     results = list(client.voxelize_many(meshes, resolution=8, errors="return"))

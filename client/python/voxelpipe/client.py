@@ -1,12 +1,14 @@
 """The client of a server."""
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import time
 from typing import Any, Callable, Iterable, Iterator, Sequence, TypeVar
 
 from . import names
+from ._calls.ahead import received_ahead
 from ._calls.connection import Connection
 from ._calls.grpc_module import grpc
 from ._calls.many import Many
@@ -326,13 +328,12 @@ class Client:
         upload.call = call
         reader = self._reader(job.request, request_id, reporter)
         try:
-            for message in call:
-                reader.add_bytes(message)
+            with contextlib.closing(received_ahead(call)) as messages:
+                for message in messages:
+                    reader.add_bytes(message)
         except grpc.RpcError as error:
             upload.raise_failure()
             raise self._connection.error(error, request_id) from None
-        finally:
-            call.cancel()  # without effect on a call that has ended
         upload.raise_failure()
         return reader.finish()
 

@@ -9,6 +9,7 @@ from typing import Any, Callable, Iterator
 
 from .. import errors
 from .grpc_module import FORKS_ARE_SAFE, grpc
+from .helper import Helper
 from .session import SERVICE, Options, new_request_id
 from .status import of_call
 
@@ -34,8 +35,10 @@ class Connection:
         options.check()
         self.options = options
         self._lock = threading.Lock()
-        self._channel: Any = None
-        self._calls: dict[tuple[str, str], Any] = {}
+        # Blocking calls of the main thread have a channel of their own: closing it is the way to cancel one.
+        self._channels: dict[bool, Any] = {}
+        self._calls: dict[tuple[bool, str, str], Any] = {}
+        self._helper: Helper | None = None
         self._closed = False
         self.running = 0  # calls
         _ALL.add(self)
@@ -43,22 +46,25 @@ class Connection:
     def close(self) -> None:
         """Ends all calls of this process."""
         with self._lock:
-            channel, self._channel = self._channel, None
+            channels = list(self._channels.values())
+            self._channels.clear()
             self._calls.clear()
+            self._helper = None
             self._closed = True
-        if channel is not None:
+        for channel in channels:
             channel.close()
 
     def opened(self) -> bool:
         """True if it has made calls."""
-        return self._channel is not None
+        return bool(self._channels)
 
     def forget(self) -> None:
-        """In a child process: leaves the parent's channel alone."""
-        if self._channel is not None:
-            _FORGOTTEN.append((self._channel, dict(self._calls)))
-        self._channel = None
+        """In a child process: leaves the parent's channels alone."""
+        if self._channels:
+            _FORGOTTEN.append((self._channels, self._calls, self._helper))
+        self._channels = {}
         self._calls = {}
+        self._helper = None
         self._lock = threading.Lock()
         self.running = 0
 
@@ -73,17 +79,19 @@ class Connection:
             self.running -= 1
             _gate.notify_all()
 
-    def _method(self, kind: str, name: str) -> Any:
+    def _method(self, kind: str, name: str, helped: bool = False) -> Any:
         with self._lock:
             if _impossible:
                 raise errors.ServerFailed(_impossible)
             if self._closed:
                 raise errors.Cancelled("the client is closed")
-            if self._channel is None:
-                self._channel = self._opened()
-            if (kind, name) not in self._calls:
-                self._calls[kind, name] = getattr(self._channel, kind)(SERVICE + name if "/" not in name else name)
-            return self._calls[kind, name]
+            if helped not in self._channels:
+                self._channels[helped] = self._opened()
+            key = (helped, kind, name)
+            if key not in self._calls:
+                path = SERVICE + name if "/" not in name else name
+                self._calls[key] = getattr(self._channels[helped], kind)(path)
+            return self._calls[key]
 
     def _opened(self) -> Any:
         settings = self.options.channel_options()
@@ -94,25 +102,42 @@ class Connection:
 
     def unary(self, name: str, request: bytes, timeout: float | None) -> tuple[bytes, str]:
         """A unary call. Out: the response and the call's id. Errors: VoxelpipeError by the call's code."""
-        method = self._method("unary_unary", name)
+        helped = threading.current_thread() is threading.main_thread()
+        method = self._method("unary_unary", name, helped)
         request_id = new_request_id()
         metadata = self.options.metadata(request_id)
-        try:
-            if threading.current_thread() is not threading.main_thread():
-                self._begin()
-                try:
-                    return bytes(method(request, timeout=timeout, metadata=metadata)), request_id
-                finally:
-                    self._end()
-            # gRPC's blocking call looks for signals every 200 ms only; a future's wait ends at once.
-            call = self._watched(lambda: method.future(request, timeout=timeout, metadata=metadata))
+
+        def call() -> bytes:
             try:
-                return bytes(call.result()), request_id
-            except BaseException:
-                call.cancel()
-                raise
-        except (grpc.RpcError, grpc.FutureCancelledError) as error:
+                return bytes(method(request, timeout=timeout, metadata=metadata))
+            finally:
+                self._end()
+
+        self._begin()
+        try:
+            return (self._helped(call) if helped else call()), request_id
+        except grpc.RpcError as error:
             raise self.error(error, request_id) from None
+        except ValueError as error:
+            if self._closed:  # gRPC's words for a channel that another thread has closed
+                raise errors.Cancelled("the client is closed", request_id=request_id) from error
+            raise
+
+    def _helped(self, call: Callable[[], bytes]) -> bytes:
+        if self._helper is None:
+            self._helper = Helper()
+        try:
+            return self._helper.run(call)
+        except grpc.RpcError:
+            raise
+        except BaseException:  # KeyboardInterrupt, or what another handler of a signal raises
+            with self._lock:
+                self._helper = None
+                channel = self._channels.pop(True, None)
+                self._calls = {key: made for key, made in self._calls.items() if not key[0]}
+            if channel is not None:
+                channel.close()
+            raise
 
     def stream(self, name: str, requests: Iterator[bytes], timeout: float | None) -> tuple[Any, str]:
         """A call with streams both ways. Out: gRPC's call, an iterator of responses, and the call's id."""

@@ -16,6 +16,7 @@ import numpy.typing
 
 _POLYNOMIAL = 0x82F63B78  # reflected
 _LANES = 8192  # blocks of a buffer that run side by side
+_SMALL_BYTES = 1 << 14
 
 _Words = numpy.typing.NDArray[numpy.uint32]
 
@@ -96,13 +97,17 @@ def _of_isal() -> Callable[[Any], int] | None:
     """crc32_iscsi of Intel's ISA-L (crc.h): at memory speed, without the interpreter's lock."""
     try:
         function = ctypes.CDLL("libisal.so.2").crc32_iscsi
+        quick = ctypes.PyDLL("libisal.so.2").crc32_iscsi  # keeps the lock: to get it back costs more than few bytes
     except (OSError, AttributeError):
         return None
-    function.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_uint]
-    function.restype = ctypes.c_uint
+    for each in (function, quick):
+        each.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_uint]
+        each.restype = ctypes.c_uint
     most = 1 << 30  # its length is an int
 
     def crc32c(data: Any) -> int:
+        if len(data) <= _SMALL_BYTES:  # a copy is cheaper than numpy's addresses
+            return int(quick(bytes(data), len(data), 0xFFFFFFFF)) ^ 0xFFFFFFFF
         data_bytes = numpy.frombuffer(data, numpy.uint8)
         state = 0xFFFFFFFF
         for at in range(0, len(data_bytes), most):

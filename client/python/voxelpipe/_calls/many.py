@@ -18,11 +18,13 @@ from .grpc_module import grpc
 from .reader import ResultReader
 from .session import Job
 from .status import of_status
+from .wire import joined_jobs
 
 if TYPE_CHECKING:
     from ..client import Client
 
 _ROOM_BYTES = 1 << 16  # of a message, besides its mesh
+_MESSAGE_JOBS = 256
 _WATCH_S = 0.1  # between two looks for late jobs
 
 
@@ -78,6 +80,41 @@ class _Watch:
                 return
 
 
+class Requests:
+    """The messages of the stream, which a thread of gRPC takes. Jobs that wait together share one: a message costs
+    more than a small job. In: the largest message.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._most_bytes = most_bytes
+
+    def put(self, job: bytes | None) -> None:
+        """Adds a job, a VoxelizeManyRequest; None ends the stream."""
+        self._queue.put(job)
+
+    def __iter__(self) -> Iterator[bytes]:
+        first = self._queue.get()
+        while first is not None:
+            jobs, size = [first], len(first)
+            first = None
+            while len(jobs) < _MESSAGE_JOBS:
+                try:
+                    job = self._queue.get_nowait()
+                except queue.Empty:
+                    break
+                if job is None:
+                    yield joined_jobs(jobs)
+                    return
+                size += len(job) + 8
+                if size > self._most_bytes:
+                    first = job
+                    break
+                jobs.append(job)
+            yield joined_jobs(jobs)
+            first = self._queue.get() if first is None else first
+
+
 class Many:
     """One run of voxelize_many. In: the client, for what the stream cannot do, and its connection."""
 
@@ -104,7 +141,7 @@ class Many:
         self._clock = _Clock()
         self._watch: _Watch | None = None
         self._request_id = ""
-        self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._requests = Requests(0)
 
     def results(self, meshes: Iterable[Any]) -> Iterator[VoxelGrid | VoxelpipeError]:
         """The results, in the order of the meshes."""
@@ -113,7 +150,9 @@ class Many:
         more = True
         try:
             while True:
-                while more and sent - given < self._in_flight:
+                # Refilled when half of it is free: jobs that are sent together run and come back together.
+                room = sent - given <= self._in_flight // 2
+                while room and more and sent - given < self._in_flight:
                     try:
                         mesh = next(source)
                     except StopIteration:
@@ -127,7 +166,7 @@ class Many:
                     if isinstance(result, VoxelpipeError) and not self._keep:
                         raise result
                     yield result
-                if given < sent and given not in self._done and (not more or sent - given >= self._in_flight):
+                if given < sent and (not more or sent - given > self._in_flight // 2):
                     self._receive()
                 elif not more and given == sent:
                     return
@@ -159,7 +198,7 @@ class Many:
         message = service.VoxelizeManyRequest(
             id=number, config=job.config(), mesh=data, crc32c=crc32c(data), takes_more=True
         )
-        self._queue.put(message.SerializeToString())
+        self._requests.put(message.SerializeToString())
 
     def _job(self, mesh: Any) -> tuple[Job, MeshFile | None]:
         if hasattr(mesh, "mesh_id"):
@@ -167,8 +206,8 @@ class Many:
         return Job(self._request, load_mesh(mesh)), None
 
     def _open(self) -> None:
-        self._queue = queue.SimpleQueue()
-        self._call, self._request_id = self._connection.stream("VoxelizeMany", iter(self._queue.get, None), None)
+        self._requests = Requests(self._client.max_message_bytes() - _ROOM_BYTES)
+        self._call, self._request_id = self._connection.stream("VoxelizeMany", iter(self._requests), None)
         self._watch = _Watch(self._call, self._waiting, self._clock)
 
     def _end(self) -> None:
@@ -177,7 +216,7 @@ class Many:
             self._watch = None
         if self._call is not None:
             self._call.cancel()
-            self._queue.put(None)
+            self._requests.put(None)
         self._call = None
 
     def _receive(self) -> None:

@@ -110,3 +110,12 @@ def write_piece(data: memoryview, piece_field: int, crc32c_field: int) -> bytes:
             data,
         )
     )
+
+
+def joined_jobs(jobs: list[bytes]) -> bytes:
+    """One VoxelizeManyRequest of several: the first one with the others in `more`."""
+    parts = [jobs[0]]
+    tag = bytes([_tag(service.VoxelizeManyRequest.MORE_FIELD_NUMBER, _BYTES)])
+    for job in jobs[1:]:
+        parts += (tag, _written_varint(len(job)), job)
+    return b"".join(parts)
