@@ -5,6 +5,7 @@
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
 export VOXELPIPE_VOXELPIPED="$1" VOXELPIPE_CLI="$2"
+export PYTHONPATH="${VOXELPIPE_CORE_PACKAGE:-}${PYTHONPATH:+:$PYTHONPATH}"  # voxelpipe_core, if it was built
 work="$3"
 shift 3
 python="$here/../../tests/support/python.sh"

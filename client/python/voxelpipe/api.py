@@ -1,4 +1,4 @@
-"""voxelize() without a client of one's own."""
+"""voxelize() without a client of one's own: in this process or by a server."""
 from __future__ import annotations
 
 import os
@@ -6,13 +6,14 @@ import threading
 from typing import Any, Sequence
 
 from . import names
-from ._calls.session import Progress
-from ._mesh.forms import MeshLike
+from ._calls import in_process
+from ._calls.session import Job, Progress
+from ._mesh.forms import MeshLike, load_mesh
 from .client import Client, MeshHandle
 from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
 from .place import GridPlace
-from .request import ShaderLike, TargetLike
+from .request import ShaderLike, TargetLike, make_request
 
 _lock = threading.Lock()
 _clients: dict[str, Client] = {}
@@ -98,15 +99,14 @@ def voxelize(
     content_hash: the server's SHA-256 is checked too; each piece has its CRC-32C anyway.
     backend: "cpu" or "cuda" alone. priority: among the server's jobs. strict: the first warning is an error.
 
-    server: an address or a Client; None: the variable VOXELPIPE_SERVER, else a local voxelpiped, started once.
+    server: an address or a Client; None: the variable VOXELPIPE_SERVER, else this process if the package voxelpipe_core
+        is installed, else a local voxelpiped, started once. The bytes are the same.
     timeout: seconds, retries included; None: 600. progress: callable(stage, fraction, bytes), or True for tqdm's bar.
 
     Out: a VoxelGrid. Errors: InvalidRequest, InvalidMesh, TooLarge, Overloaded, Unavailable, DeadlineExceeded and the
     others of voxelpipe.errors; OSError for files. Ctrl-C cancels the call.
     """
-    client = server if isinstance(server, Client) else default_client(server or "")
-    return client.voxelize(
-        mesh,
+    request = make_request(
         resolution=resolution,
         voxel_size=voxel_size,
         dims=dims,
@@ -127,10 +127,13 @@ def voxelize(
         packed_bits=packed_bits,
         content_hash=content_hash,
         strict=strict,
-        timeout=timeout,
-        progress=progress,
         **named,
     )
+    inside = server is None and not os.environ.get("VOXELPIPE_SERVER") and not isinstance(mesh, MeshHandle)
+    if inside and in_process.available():
+        return in_process.run(Job(request, load_mesh(mesh)), timeout, progress)
+    client = server if isinstance(server, Client) else default_client(server or "")
+    return client.voxelize_request(mesh, request, timeout=timeout, progress=progress)
 
 
 def shutdown(_: Any = None) -> None:

@@ -179,6 +179,18 @@ class Client:
             strict=strict,
             **named,
         )
+        return self.voxelize_request(mesh, request, new_positions=new_positions, timeout=timeout, progress=progress)
+
+    def voxelize_request(
+        self,
+        mesh: MeshLike | MeshHandle,
+        request: Request,
+        *,
+        new_positions: Any = None,
+        timeout: float | None = None,
+        progress: Progress = None,
+    ) -> VoxelGrid:
+        """voxelize() with a request that make_request() made."""
         if not isinstance(mesh, MeshHandle):
             if new_positions is not None:
                 raise TypeError("new_positions needs a mesh from upload()")

@@ -2,7 +2,8 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any, Callable
+import math
+from typing import Any, Callable, Sequence
 
 import numpy
 import numpy.typing
@@ -37,6 +38,17 @@ Array = numpy.typing.NDArray[Any]
 
 def _lost(why: str) -> DataLoss:
     return DataLoss(f"the server's result: {why}")
+
+
+def _taken_over(element: str, shape: tuple[int, ...], unpack: bool, data: Array) -> Array:
+    """A flat array of bytes as what it is, without a copy but of bits that become bools. Errors: DataLoss."""
+    if data.nbytes != _wire_bytes(element, shape):
+        raise _lost(f"an array of {data.nbytes} bytes, {element} of shape {shape}")
+    if element == "bit":
+        count = math.prod(shape)
+        bits = numpy.unpackbits(data, count=count, bitorder="little") if unpack else data
+        return bits.view(numpy.bool_).reshape(shape) if unpack else data
+    return data.view(_LIST_DTYPES.get(element) or DTYPES[element]).reshape(shape)
 
 
 class _Destination:
@@ -117,26 +129,45 @@ class ResultReader:
             self._add_message_piece(piece)
         self._add_summary(whole.summary)
 
+    def taken_over(self, header: bytes, arrays: Sequence[Array], summary: bytes) -> VoxelGrid:
+        """A result that was made in this process: ResultHeader, flat bytes of each array, Summary. Errors: DataLoss."""
+        specs = self._read_header(service.ResultHeader.FromString(header))
+        if len(specs) != len(arrays):
+            raise _lost(f"{len(arrays)} arrays, announced were {len(specs)}")
+        unpack = not self._request.packed_bits
+        taken = [_taken_over(element, shape, unpack, data) for (element, shape), data in zip(specs, arrays)]
+        return self._grid(taken, service.Summary.FromString(summary))
+
     def finish(self) -> VoxelGrid:
         """The result. Errors: DataLoss if anything of it is missing."""
         if self._summary is None or self._place is None:
             raise _lost("it ended before its summary")
         lists = {name: self._arrays[i].array for i, name in enumerate(_LISTS[self._kind])}
         _check_lists(self._kind, self._place, lists, self._values)
-        first = len(lists)
+        return self._grid([destination.array for destination in self._arrays], self._summary)
+
+    def _grid(self, arrays: list[Array], summary: service.Summary) -> VoxelGrid:
+        assert self._place is not None
+        lists = dict(zip(_LISTS[self._kind], arrays))
         return VoxelGrid(
             kind=self._kind,  # type: ignore[arg-type]
             place=self._place,
             layout="planar" if self._request.config.layout == types.LAYOUT_PLANAR else "interleaved",
             targets=self._request.targets,
-            stored={target.name: self._arrays[first + i].array for i, target in enumerate(self._request.targets)},
+            stored={target.name: arrays[len(lists) + i] for i, target in enumerate(self._request.targets)},
             lists=lists,
             packed_bits=self._request.packed_bits,
-            warnings=read_warnings(self._summary),
-            summary=Summary.of(self._summary, self._request_id),
+            warnings=read_warnings(summary),
+            summary=Summary.of(summary, self._request_id),
         )
 
     def _add_header(self, header: service.ResultHeader) -> None:
+        specs = self._read_header(header)
+        unpack = not self._request.packed_bits
+        self._arrays = [_Destination(element, shape, unpack) for element, shape in specs]
+
+    def _read_header(self, header: service.ResultHeader) -> list[tuple[str, tuple[int, ...]]]:
+        """Element and shape of each array. Errors: DataLoss, TooLarge."""
         if self._place is not None:
             raise _lost("a second header")
         place = read_place(header.grid)
@@ -155,9 +186,8 @@ class ResultReader:
                 need_bytes=self._total,
                 limit_bytes=self._max_result_bytes,
             )
-        unpack = not self._request.packed_bits
-        self._arrays = [_Destination(element, shape, unpack) for element, shape in specs]
         self._place = place
+        return specs
 
     def _expected(self, header: service.ResultHeader, place: GridPlace) -> list[tuple[str, tuple[int, ...]]]:
         """Element and shape of each array, checked against the request."""

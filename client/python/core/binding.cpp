@@ -1,0 +1,195 @@
+// voxelpipe_core._core: runs requests in this process. Speaks the service's messages, so that the package voxelpipe
+// reads requests, results, summaries and errors by the same code as those of a server.
+#include <pybind11/functional.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <new>
+#include <optional>
+#include <span>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "load/load_mesh.h"
+#include "mesh/report.h"
+#include "pipeline/voxelize.h"
+#include "shaders/catalog.h"
+#include "wire/request.h"
+#include "wire/response.h"
+#include "wire/status.h"
+
+namespace py = pybind11;
+
+namespace voxelpipe {
+namespace {
+
+constexpr std::chrono::milliseconds kPoll{20};  // between two looks for Ctrl-C
+
+// The Python exception voxelpipe_core.Failed: one argument, a google.rpc.Status as bytes.
+py::object& FailedType() {
+  static auto* const type = new py::object();  // never destroyed: the interpreter ends first
+  return *type;
+}
+
+[[noreturn]] void Throw(const absl::Status& status) {
+  const grpc::Status with_details = ToGrpcStatus(status);
+  PyErr_SetObject(FailedType().ptr(), py::bytes(with_details.error_details()).ptr());
+  throw py::error_already_set();
+}
+
+struct Outcome {
+  VoxelizeResult result;
+  MeshReport report;
+  bool examined = false;  // degenerate triangles and open edges were counted
+  std::vector<std::pair<std::string, double>> mesh_stages;
+  uint64_t peak_bytes = 0;
+};
+
+absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uint8_t> file, const JobContext& job) {
+  try {
+    const VoxelizeRequest& request = config.request;
+    absl::StatusOr<LoadedMesh> loaded = LoadMeshFor(job, file, {config.mesh_format, TexturesRead(request), {}});
+    if (!loaded.ok()) return loaded.status();
+    Outcome outcome;
+    outcome.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
+    outcome.peak_bytes = loaded->peak_bytes;
+    outcome.examined = request.fill != Fill::kNone;
+    if (outcome.examined) {
+      absl::StatusOr<MeshReport> report = ReportMeshFor(job, loaded->mesh);
+      if (!report.ok()) return report.status();
+      outcome.report = *report;
+    } else {
+      outcome.report = BoxReport(loaded->mesh);
+    }
+    PlanLimits limits;  // less the memory of the mesh
+    const MemoryBudget& memory = MemoryOf(job);
+    limits.max_working_bytes =
+        std::min(limits.max_working_bytes, memory.limit_bytes() - std::min(memory.limit_bytes(), memory.used_bytes()));
+    absl::StatusOr<VoxelizeResult> result = voxelpipe::Voxelize(loaded->mesh, request, {job, limits});
+    if (!result.ok()) return result.status();
+    outcome.result = *std::move(result);
+    return outcome;
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory");
+  }
+}
+
+// A flat array of bytes that owns the buffer: no copy.
+py::array_t<uint8_t> Owned(HostBuffer buffer) {
+  auto* const owned = new HostBuffer(std::move(buffer));
+  const py::capsule owner(owned, [](void* p) { delete static_cast<HostBuffer*>(p); });
+  return py::array_t<uint8_t>(py::ssize_t(owned->size()), owned->data(), owner);
+}
+
+py::tuple Answer(Outcome outcome) {
+  VoxelizeResult& result = outcome.result;
+  const v1::ResultHeader header = ToMessage(HeaderOf(result));
+  v1::Summary summary;
+  result.stats.stages.insert(result.stats.stages.begin(), outcome.mesh_stages.begin(), outcome.mesh_stages.end());
+  WriteTo(result.stats, *summary.mutable_stats());
+  WriteTo(outcome.report, outcome.examined, *summary.mutable_mesh());
+  WriteWarnings(result.stats.warnings, summary);
+  summary.set_peak_bytes(outcome.peak_bytes);
+  summary.set_result_bytes(result.bytes());
+  std::vector<HostBuffer*> in_order;  // stream order: result.h
+  if (result.kind == ResultKind::kSparse) in_order = {&result.bricks, &result.masks};
+  if (result.kind == ResultKind::kBuckets) in_order = {&result.voxels, &result.offsets, &result.triangles};
+  for (HostBuffer& target : result.targets) in_order.push_back(&target);
+  py::list arrays;
+  for (HostBuffer* buffer : in_order) arrays.append(Owned(std::move(*buffer)));
+  return py::make_tuple(py::bytes(header.SerializeAsString()), arrays, py::bytes(summary.SerializeAsString()));
+}
+
+// Runs one request. In: a VoxelizeConfig as bytes; the bytes of a mesh file without references to others; seconds until
+// the deadline, or None; callable(stage, fraction) or None, called from another thread. Out: a ResultHeader as bytes,
+// the arrays in stream order as flat bytes that own their memory, a Summary as bytes. Raises Failed; whatever the
+// callable or a signal handler raises, after the job has ended. The GIL is released meanwhile.
+py::tuple Run(const std::string& config_bytes, const py::buffer& mesh, std::optional<double> timeout,
+              const py::object& progress) {
+  v1::VoxelizeConfig message;
+  if (!message.ParseFromString(config_bytes)) Throw(absl::InvalidArgumentError("config: is no VoxelizeConfig"));
+  const absl::StatusOr<ParsedConfig> config = ParseConfig(message);
+  if (!config.ok()) Throw(config.status());
+  const py::buffer_info info = mesh.request();
+  const std::span<const uint8_t> file(static_cast<const uint8_t*>(info.ptr), size_t(info.size * info.itemsize));
+
+  std::optional<py::error_already_set> raised;  // by the callable; guarded by the GIL
+  JobContext* running = nullptr;
+  JobContext job([&](std::string_view stage, double fraction) {
+    if (progress.is_none()) return;
+    const py::gil_scoped_acquire gil;
+    if (raised) return;
+    try {
+      progress(py::str(stage.data(), stage.size()), fraction);
+    } catch (py::error_already_set& error) {
+      raised.emplace(std::move(error));
+      running->Cancel();
+    }
+  });
+  running = &job;
+  if (timeout) {
+    const double seconds = std::clamp(*timeout, 0.0, 1e9);
+    job.set_deadline(JobContext::Clock::now() +
+                     std::chrono::duration_cast<JobContext::Clock::duration>(std::chrono::duration<double>(seconds)));
+  }
+
+  absl::StatusOr<Outcome> outcome = absl::UnknownError("the job did not run");
+  bool interrupted = false;
+  {
+    const py::gil_scoped_release no_gil;
+    std::mutex mutex;
+    std::condition_variable ended;
+    bool done = false;
+    std::thread worker([&] {
+      outcome = Voxelize(*config, file, job);
+      const std::lock_guard lock(mutex);
+      done = true;
+      ended.notify_one();
+    });
+    std::unique_lock lock(mutex);
+    while (!ended.wait_for(lock, kPoll, [&] { return done; })) {
+      if (interrupted) continue;
+      lock.unlock();
+      {
+        const py::gil_scoped_acquire gil;
+        interrupted = PyErr_CheckSignals() != 0;
+      }
+      if (interrupted) job.Cancel();
+      lock.lock();
+    }
+    lock.unlock();
+    worker.join();
+  }
+  if (interrupted) throw py::error_already_set();
+  if (raised) throw std::move(*raised);
+  if (!outcome.ok()) Throw(outcome.status());
+  return Answer(*std::move(outcome));
+}
+
+// All shaders, as a ListShadersResponse in bytes.
+py::bytes Shaders() {
+  v1::ListShadersResponse response;
+  for (const ShaderInfo& shader : ListShaders()) *response.add_shaders() = ToMessage(shader);
+  return response.SerializeAsString();
+}
+
+}  // namespace
+}  // namespace voxelpipe
+
+PYBIND11_MODULE(_core, module) {
+  module.doc() = "VoxelPipe's core in this process; used by the package voxelpipe.";
+  PyObject* const failed = PyErr_NewExceptionWithDoc("voxelpipe_core.Failed", "A google.rpc.Status as bytes, args[0].",
+                                                     PyExc_RuntimeError, nullptr);
+  voxelpipe::FailedType() = py::reinterpret_steal<py::object>(failed);
+  module.attr("Failed") = voxelpipe::FailedType();
+  module.def("run", &voxelpipe::Run, py::arg("config"), py::arg("mesh"), py::arg("timeout"), py::arg("progress"));
+  module.def("shaders", &voxelpipe::Shaders);
+}

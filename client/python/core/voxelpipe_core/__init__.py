@@ -1,0 +1,7 @@
+"""VoxelPipe's core in this process. Where it is installed, voxelpipe.voxelize() needs no server.
+
+It speaks the messages of the service as bytes; programs use voxelpipe.voxelize().
+"""
+from ._core import Failed, run, shaders
+
+__all__ = ["Failed", "run", "shaders"]

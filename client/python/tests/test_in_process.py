@@ -1,0 +1,189 @@
+"""voxelize() in this process, by voxelpipe_core: bytes, errors, progress as of a server; Ctrl-C, threads, forks."""
+from __future__ import annotations
+
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+
+import numpy
+import pytest
+
+import voxelpipe
+from voxelpipe._calls import in_process
+from voxelpipe.local_server import LocalServer
+
+from . import shapes
+from .test_processes import environment
+
+pytestmark = pytest.mark.skipif(not in_process.available(), reason="voxelpipe_core is not installed")
+
+REQUESTS = [
+    {"resolution": 40},
+    {"resolution": 33, "packed_bits": True},
+    {"resolution": 24, "fill": "parity", "normal": "normal:f32", "color": "base_color:srgb8"},
+    {"resolution": 30, "result": "sparse", "targets": ["bit", "f32x3:average:shader=normal"], "layout": "planar"},
+    {"resolution": 20, "result": "buckets", "coverage": "thin", "targets": "u32:replace:shader=triangle_id"},
+    {"dims": (5, 4, 3), "origin": (9, 9, 9), "voxel_size": 0.1},
+]
+
+
+@pytest.fixture(autouse=True)
+def without_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("VOXELPIPE_SERVER", raising=False)
+
+
+@pytest.mark.parametrize("options", REQUESTS)
+def test_the_bytes_are_those_of_a_server(
+    ball: shapes.Triangles, server: LocalServer, options: dict[str, object]
+) -> None:
+    inside = voxelpipe.voxelize(ball, **options)  # type: ignore[arg-type]
+    served = voxelpipe.voxelize(ball, server=server.server, **options)  # type: ignore[arg-type]
+    assert inside == served
+    assert inside.sha256 == served.sha256
+    assert inside.summary.occupied == served.summary.occupied
+    assert inside.summary.mesh == served.summary.mesh
+    assert inside.warnings == served.warnings
+    assert set(inside.summary.stages) == set(served.summary.stages)
+
+
+def test_the_bytes_are_those_of_the_command_line(cli: str, ball: shapes.Triangles, tmp_path: pathlib.Path) -> None:
+    file = tmp_path / "ball.glb"
+    file.write_bytes(bytes(voxelpipe.load_mesh(ball).data))
+    told = json.loads(subprocess.check_output([cli, "voxelize", file, "--resolution", "50", "--json"]))
+    assert voxelpipe.voxelize(file, resolution=50).sha256 == told["hash"]
+
+
+def test_arrays_are_writable_and_own_their_memory(ball: shapes.Triangles) -> None:
+    grid = voxelpipe.voxelize(ball, resolution=16, normal="normal:f32")
+    kept, mask = grid.normal, grid.mask
+    before = kept.copy()
+    del grid
+    for _ in range(3):
+        voxelpipe.voxelize(ball, resolution=16, normal="normal:f32")
+    assert numpy.array_equal(kept, before)
+    assert kept.flags.c_contiguous and kept.flags.writeable and mask.flags.writeable
+    kept[:] = 0
+    assert not kept.any()
+
+
+def test_errors_have_the_classes_and_fields_of_a_servers(ball: shapes.Triangles, server: LocalServer) -> None:
+    for options in (
+        {"resolution": 8, "targets": "f32:or:shader=normal"},
+        {"resolution": 8, "shader": "no_such_shader"},
+        {"resolution": 1 << 19, "targets": "f32x4:replace:shader=normal"},
+    ):
+        raised = []
+        for where in (None, server.server):
+            with pytest.raises(voxelpipe.VoxelpipeError) as caught:
+                voxelpipe.voxelize(ball, server=where, **options)  # type: ignore[arg-type]
+            raised.append(caught.value)
+        assert type(raised[0]) is type(raised[1])
+        assert raised[0].code == raised[1].code
+        assert getattr(raised[0], "field", "") == getattr(raised[1], "field", "")
+    with pytest.raises(voxelpipe.InvalidMesh):
+        voxelpipe.voxelize(b"glTF is not what this is", resolution=8)
+
+
+def test_a_timeout_ends_the_job() -> None:
+    with pytest.raises(voxelpipe.DeadlineExceeded):
+        voxelpipe.voxelize(shapes.heavy(), resolution=900, timeout=0.05)
+
+
+def test_progress_is_told_and_its_exception_ends_the_job(ball: shapes.Triangles) -> None:
+    told: list[tuple[str, float]] = []
+    voxelpipe.voxelize(ball, resolution=64, progress=lambda stage, fraction, size: told.append((stage, fraction)))
+    assert {"load", "flatten"} <= {stage for stage, _ in told}
+    assert all(0 <= fraction <= 1 for _, fraction in told)
+
+    def refuse(stage: str, fraction: float, size: int) -> None:
+        raise LookupError(stage)
+
+    with pytest.raises(LookupError):
+        voxelpipe.voxelize(ball, resolution=64, progress=refuse)
+
+
+def test_other_threads_run_meanwhile() -> None:
+    ticks: list[float] = []
+    ended = threading.Event()
+
+    def tick() -> None:
+        while not ended.wait(0.002):
+            ticks.append(time.monotonic())
+
+    thread = threading.Thread(target=tick)
+    thread.start()
+    begin = time.monotonic()
+    try:
+        voxelpipe.voxelize(shapes.heavy(), resolution=200)
+    finally:
+        end = time.monotonic()
+        ended.set()
+        thread.join()
+    during = [moment for moment in ticks if begin < moment < end]
+    assert len(during) >= min(5.0, (end - begin) / 0.1), "the GIL was held"
+
+
+def script(code: str, folder: pathlib.Path) -> "subprocess.Popen[str]":
+    """A process of its own, without a server's address."""
+    (folder / "client_tests").symlink_to(pathlib.Path(__file__).parent)
+    variables = environment(folder, *map(pathlib.Path, os.environ.get("PYTHONPATH", "").split(os.pathsep)))
+    variables.pop("VOXELPIPE_SERVER", None)
+    return subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        env=variables,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+def test_ctrl_c_ends_the_job_soon(tmp_path: pathlib.Path) -> None:
+    process = script(
+        """
+        import time, voxelpipe
+        from client_tests import shapes
+        mesh = voxelpipe.load_mesh(shapes.heavy())
+        voxelpipe.voxelize(mesh, resolution=8)
+        print("begins", flush=True)
+        try:
+            voxelpipe.voxelize(mesh, resolution=1000, result="sparse", normal="normal:f32x3:average")
+        except KeyboardInterrupt:
+            print("interrupted", time.time(), flush=True)
+        """,
+        tmp_path,
+    )
+    assert process.stdout is not None and process.stdout.readline() == "begins\n", process.communicate()
+    time.sleep(0.3)
+    sent = time.time()
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    assert output.startswith("interrupted "), (output, errors)
+    assert float(output.split()[1]) - sent < 5  # far less, but for a busy machine
+
+
+def test_a_forked_child_takes_a_server(tmp_path: pathlib.Path) -> None:
+    process = script(
+        """
+        import os, voxelpipe
+        from voxelpipe._calls import in_process
+        from client_tests import shapes
+        first = voxelpipe.voxelize(shapes.TETRAHEDRON, resolution=12)
+        assert in_process.available()
+        child = os.fork()
+        if child == 0:
+            assert not in_process.available()
+            same = voxelpipe.voxelize(shapes.TETRAHEDRON, resolution=12) == first
+            voxelpipe.shutdown()
+            os._exit(0 if same else 3)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+        """,
+        tmp_path,
+    )
+    output, errors = process.communicate(timeout=60)
+    assert output == "0\n", errors

@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# Builds the wheels and installs them, without an index, into a new environment; there the first program of README.md
+# runs in this process and leaves its picture.
+# usage: wheels.sh WORK_FOLDER      VOXELPIPE_CORE_PACKAGE: the folder of the compiled package
+# Exit status 77 with the reason: there is no compiled package, or Python lacks what builds wheels.
+set -euo pipefail
+here="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
+work="$1"
+python() { bash "$here/../../tests/support/python.sh" "$@"; }
+skip() { echo "skipped: $*"; exit 77; }
+[[ -n "${VOXELPIPE_CORE_PACKAGE:-}" ]] || skip "this build has no module voxelpipe_core"
+for module in pip setuptools wheel numpy grpc google.protobuf; do
+  python -c "import $module" 2>/dev/null || skip "Python has no module $module (docker/packages-python.txt)"
+done
+rm -rf "$work"
+mkdir -p "$work/source/client" "$work/run"
+# Copies: setuptools writes beside its sources.
+ln -s "$here/../../proto" "$work/source/proto"
+cp -r "$here" "$work/source/client/python"
+cp -r "$VOXELPIPE_CORE_PACKAGE" "$work/core"
+for package in "$work/source/client/python" "$work/core"; do
+  python -m pip -q wheel --no-index --no-build-isolation --no-deps -w "$work/dist" "$package"
+done
+ls "$work/dist"
+python -m venv --without-pip --system-site-packages "$work/venv"
+python -m pip -q --python "$work/venv/bin/python" install --no-index --no-deps "$work"/dist/*.whl
+
+cd "$work/run"
+python "$here/../../tests/support/make_ball.py" bunny.glb
+awk '/^```python$/ {inside = 1; next} /^```$/ {if (inside) exit} inside' "$here/README.md" >first.py
+unset VOXELPIPE_SERVER VOXELPIPE_VOXELPIPED VOXELPIPE_CORE_PACKAGE
+PATH=/usr/bin:/bin "$work/venv/bin/python" first.py
+[[ "$(head -c 4 bunny.png | tail -c 3)" == PNG ]] || { echo "wheels.sh: no picture" >&2; exit 1; }
+"$work/venv/bin/python" -c 'import voxelpipe._calls.in_process as here; assert here.available()'
