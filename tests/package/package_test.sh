@@ -29,6 +29,13 @@ warnings=(-std=c++20 -Wall -Wextra -Wpedantic -Werror)
 "$cxx" "${warnings[@]}" -fsyntax-only -I"$include" "$work/all_headers.cpp" || fail "an installed header"
 
 cp -r "$source_dir/client/cpp/example" "$work/example"
+# README's program, too.
+awk '/^```cpp$/ {inside = 1; next} /^```$/ {inside = 0} inside' "$source_dir/README.md" |
+  sed "s|bunny.glb|$work/mesh.gltf|; s|localhost:50051|unix:$work/socket|" >"$work/example/readme.cpp"
+cat >>"$work/example/CMakeLists.txt" <<'END'
+add_executable(readme readme.cpp)
+target_link_libraries(readme PRIVATE voxelpipe::core voxelpipe::client)
+END
 cmake -S "$work/example" -B "$work/out" -DCMAKE_CXX_COMPILER="$cxx" -DCMAKE_PREFIX_PATH="$prefix" \
   -DCMAKE_CXX_FLAGS="${warnings[*]}" -DCMAKE_EXPORT_COMPILE_COMMANDS=ON >"$work/configure.log" 2>&1 ||
   { cat "$work/configure.log" >&2; fail "find_package"; }
@@ -89,6 +96,7 @@ for program in "$work"/{out,by_pkg_config}/{in_process,by_server}; do
   printed="$("$program" "${arguments[@]}")" || fail "$program failed"
   [[ "$printed" == "64x64x64: $expected voxels" ]] || fail "$program printed '$printed', not $expected voxels"
 done
+[[ "$("$work/out/readme")" == "$expected voxels"$'\n'"$expected voxels" ]] || fail "README's program"
 "$work/out/in_process" "$work/missing.glb" 2>"$work/error.txt" && fail "a missing file was accepted"
 grep -q . "$work/error.txt" || fail "a missing file without a message"
 echo "package: $expected voxels in-process and by a server, with find_package and with pkg-config"

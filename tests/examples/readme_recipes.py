@@ -1,0 +1,73 @@
+"""usage: readme_recipes.py PROGRAMS_DIR REPOSITORY WORK_DIR
+
+Runs the recipes of README.md as they stand, but for the port, which is one that is free: the shell's in one bash, the
+Python one with the package of the repository. The C++ one is run by tests/package, docker's by `make docker-test`.
+Exit 77 with the reason if Python lacks a module that the package needs.
+"""
+import os
+import pathlib
+import re
+import shutil
+import socket
+import subprocess
+import sys
+
+# What the recipes leave behind.
+MADE = ["bunny.npy", "bunny.png", "solid.npz", "served.npy", "results/bunny.npy", "results/solid.0.npy", "report.json"]
+BY_PYTHON = "colours.png"
+
+
+def read_blocks(readme):
+    """Pairs of a language and the code of each block under "## Recipes"."""
+    recipes = readme.split("\n## Recipes\n")[1].split("\n## ")[0]
+    return re.findall(r"^```(\w+)\n(.*?)^```$", recipes, re.S | re.M)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def prepare_package(repository, work):
+    """The folder of the Python package with its stubs, in a copy."""
+    tree = work / "tree"
+    shutil.copytree(repository / "client/python", tree / "client/python", ignore=shutil.ignore_patterns("_proto"))
+    (tree / "proto").symlink_to(repository / "proto")
+    subprocess.run([sys.executable, tree / "client/python/generate_stubs.py"], check=True)
+    return tree / "client/python"
+
+
+def main():
+    programs, repository, work = (pathlib.Path(argument).resolve() for argument in sys.argv[1:4])
+    for module in ("numpy", "grpc", "google.protobuf"):
+        if subprocess.run([sys.executable, "-c", f"import {module}"], stderr=subprocess.DEVNULL).returncode != 0:
+            print(f"skipped: Python has no module {module}; docker/packages-python.txt lists the packages")
+            return 77
+    shutil.rmtree(work, ignore_errors=True)
+    (work / "run").mkdir(parents=True)
+    subprocess.run([sys.executable, repository / "tests/support/make_ball.py", work / "run/bunny.glb"], check=True)
+    blocks = read_blocks((repository / "README.md").read_text(encoding="utf-8"))
+    assert [language for language, _ in blocks] == ["sh", "python", "cpp", "sh", "sh", "sh"], "the recipes have changed"
+    port = str(free_port())
+    shell = [code.replace("50051", port) for language, code in blocks if language == "sh" and "docker" not in code]
+    assert len(shell) == 3
+    python = next(code for language, code in blocks if language == "python")
+    package = prepare_package(repository, work)
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("VOXELPIPE_")}
+    environment["PATH"] = f"{programs}:{environment['PATH']}"
+    core = os.environ.get("VOXELPIPE_CORE_PACKAGE", "")
+    environment["PYTHONPATH"] = f"{package}:{core}"
+
+    # A server that is started in the background serves a little later than a person would type the next line.
+    serves = f"for _ in $(seq 100); do voxelpiped --probe 127.0.0.1:{port} 2>/dev/null && break; sleep 0.1; done\n"
+    script = "set -euo pipefail\n" + "\n".join(shell).replace("&\n", "&\n" + serves) + "kill %1\nwait %1 || true\n"
+    subprocess.run(["bash", "-c", script], cwd=work / "run", env=environment, check=True, timeout=200)
+    subprocess.run([sys.executable, "-c", python], cwd=work / "run", env=environment, check=True, timeout=200)
+    missing = [name for name in [*MADE, BY_PYTHON] if not (work / "run" / name).is_file()]
+    assert not missing, missing
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
