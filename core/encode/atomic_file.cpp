@@ -98,6 +98,14 @@ absl::StatusOr<AtomicFile> AtomicFile::Create(const std::string& path, const Job
   return file;
 }
 
+absl::StatusOr<AtomicFile> AtomicFile::StandardOutput() {
+  AtomicFile file;
+  file.path_ = "standard output";
+  file.descriptor_ = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 0);  // Commit closes its own descriptor only
+  if (file.descriptor_ < 0) return SystemError(errno, "cannot write 'standard output'");
+  return file;
+}
+
 std::string AtomicFile::TemporaryStem(const std::string& path) {
   return FitFileName(path, kMaxSuffixBytes);
 }

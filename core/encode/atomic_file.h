@@ -21,6 +21,9 @@ class AtomicFile {
   // job ended; `job` may be null.
   static absl::StatusOr<AtomicFile> Create(const std::string& path, const JobContext* job = nullptr);
 
+  // This process's standard output, written in place: a file, a pipe or a device.
+  static absl::StatusOr<AtomicFile> StandardOutput();
+
   // The stem of the temporary names of a file, before a mark and two numbers: its path, with a long name cut. Links are
   // not followed.
   static std::string TemporaryStem(const std::string& path);

@@ -28,7 +28,7 @@ class NpzFile final : public ResultFile {
 
   absl::Status Begin(const ResultHeader& header) override {
     header_ = header;
-    absl::StatusOr<AtomicFile> file = AtomicFile::Create(path_, job_);
+    absl::StatusOr<AtomicFile> file = path_.empty() ? AtomicFile::StandardOutput() : AtomicFile::Create(path_, job_);
     if (!file.ok()) return file.status();
     file_.emplace(*std::move(file));
     zip_.emplace(*file_, job_);

@@ -8,7 +8,7 @@
 
 namespace voxelpipe {
 
-// See OpenResultFile for the contents. Begin creates the file.
+// See OpenResultFile for the contents. Begin creates the file; an empty path is standard output.
 std::unique_ptr<ResultFile> MakeNpzFile(const std::string& path, const JobContext* job);
 
 }  // namespace voxelpipe

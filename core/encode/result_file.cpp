@@ -14,7 +14,7 @@
 namespace voxelpipe {
 namespace {
 
-// .raw and .npy: one file a target; .raw with a description.
+// .raw and .npy: one file a target; .raw with a description. An empty path is standard output.
 class TargetFiles final : public ResultFile {
  public:
   TargetFiles(std::string path, bool npy, const JobContext* job) : path_(std::move(path)), npy_(npy), job_(job) {}
@@ -26,9 +26,13 @@ class TargetFiles final : public ResultFile {
     }
     header_ = header;
     const std::vector<ArraySpec>& arrays = header_.arrays;
+    if (path_.empty() && arrays.size() != 1) {
+      return absl::InvalidArgumentError(
+          absl::StrCat("standard output: ", arrays.size(), " targets go into an .npz, not into one .npy or .raw"));
+    }
     paths_ = OutputPaths(path_, arrays.size());
     for (size_t i = 0; i < arrays.size(); ++i) {
-      absl::StatusOr<AtomicFile> file = AtomicFile::Create(paths_[i], job_);
+      absl::StatusOr<AtomicFile> file = Open(paths_[i]);
       if (!file.ok()) return file.status();
       files_.push_back(*std::move(file));
       uint64_t count = 1;
@@ -39,7 +43,7 @@ class TargetFiles final : public ResultFile {
       absl::Status s = files_.back().Write({reinterpret_cast<const uint8_t*>(head.data()), head.size()}, job_);
       if (!s.ok()) return s;
     }
-    if (npy_) return absl::OkStatus();
+    if (npy_ || path_.empty()) return absl::OkStatus();
     absl::StatusOr<AtomicFile> file = AtomicFile::Create(RawDescriptionPath(path_), job_);
     if (!file.ok()) return file.status();
     description_.emplace(*std::move(file));
@@ -62,6 +66,10 @@ class TargetFiles final : public ResultFile {
   }
 
  private:
+  absl::StatusOr<AtomicFile> Open(const std::string& path) const {
+    return path_.empty() ? AtomicFile::StandardOutput() : AtomicFile::Create(path, job_);
+  }
+
   std::string path_;
   bool npy_;
   const JobContext* job_;
@@ -85,6 +93,12 @@ absl::StatusOr<std::unique_ptr<ResultFile>> OpenResultFile(const std::string& pa
   if (extension == ".raw" || extension == ".npy") return std::make_unique<TargetFiles>(path, extension == ".npy", job);
   return absl::InvalidArgumentError(
       absl::StrCat("'", path, "': no writer for '", extension, "'; known extensions are .raw, .npy, .npz and .png"));
+}
+
+absl::StatusOr<std::unique_ptr<ResultFile>> OpenStandardOutput(const std::string& extension, const JobContext* job) {
+  if (extension == ".npz") return MakeNpzFile("", job);
+  if (extension == ".raw" || extension == ".npy") return std::make_unique<TargetFiles>("", extension == ".npy", job);
+  return absl::InvalidArgumentError(absl::StrCat("standard output: no writer for '", extension, "'"));
 }
 
 }  // namespace voxelpipe

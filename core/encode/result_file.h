@@ -36,6 +36,10 @@ class ResultFile : public ResultSink {
 // and from Begin for a kind that the format cannot hold; otherwise the system's error with the path.
 absl::StatusOr<std::unique_ptr<ResultFile>> OpenResultFile(const std::string& path, const JobContext* job);
 
+// The same for this process's standard output, in the format of `extension` (.raw, .npy, .npz). A .raw has no
+// description there. INVALID_ARGUMENT from Begin also for several targets into .raw or .npy.
+absl::StatusOr<std::unique_ptr<ResultFile>> OpenStandardOutput(const std::string& extension, const JobContext* job);
+
 // True if files of this extension can hold results of this kind.
 bool CanHold(const std::string& extension, ResultKind kind);
 

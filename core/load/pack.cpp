@@ -327,11 +327,16 @@ absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const Loa
                                               const OutsideFiles& outside) {
   auto bytes = ReadLocalFile(path, limits.max_file_bytes);
   if (!bytes.ok()) return bytes.status();
+  return PackMesh(*std::move(bytes), fs::path(path).parent_path(), limits, warnings, outside);
+}
+
+absl::StatusOr<FileBytes> PackMesh(FileBytes bytes, const fs::path& directory, const LoadLimits& limits,
+                                   WarningList* warnings, const OutsideFiles& outside) {
   try {
-    std::optional<Source> source = Parse(*bytes, limits);
+    std::optional<Source> source = Parse(bytes, limits);
     if (!source) return bytes;
     if (warnings != nullptr) warnings->Append(source->warnings);
-    return Packer(*std::move(source), fs::path(path).parent_path(), limits, outside).Pack();
+    return Packer(*std::move(source), directory, limits, outside).Pack();
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory while packing");
   } catch (const std::exception& e) {  // nlohmann-json

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -29,5 +30,11 @@ struct OutsideFiles {
 // that the packed bytes no longer show: a byte order mark and bytes after a GLB's end.
 absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {},
                                               WarningList* warnings = nullptr, const OutsideFiles& outside = {});
+
+// The same for a mesh in memory, in any of the formats; files that it names are searched in `directory` (empty: the
+// working directory).
+absl::StatusOr<FileBytes> PackMesh(FileBytes bytes, const std::filesystem::path& directory,
+                                   const LoadLimits& limits = {}, WarningList* warnings = nullptr,
+                                   const OutsideFiles& outside = {});
 
 }  // namespace voxelpipe

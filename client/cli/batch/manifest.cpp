@@ -15,6 +15,7 @@
 #include "encode/encode.h"
 #include "encode/result_file.h"
 #include "engine/hash.h"
+#include "options/standard_streams.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -216,6 +217,7 @@ class Reader {
       if (absl::Status s = SetName(key, value, names); !s.ok()) return s;
     }
     if (!names.input) return Wrong("'input' is missing");
+    if (IsStandardStream(*names.input)) return Wrong("'input': '-' is standard input; name a file (./- has this name)");
     absl::StatusOr<std::shared_ptr<const BatchRequest>> request = Prepare(options);
     if (!request.ok()) return request.status();
     BatchItem item;

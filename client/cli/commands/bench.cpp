@@ -6,11 +6,12 @@
 #include "bench/bench_report.h"
 #include "bench/load.h"
 #include "commands/commands.h"
+#include "engine/engine.h"
 #include "engine/interrupt.h"
 #include "engine/report.h"
 #include "engine/server_option.h"
-#include "load/pack.h"
 #include "options/request_flags.h"
+#include "options/standard_streams.h"
 #include "shaders/catalog.h"
 
 namespace voxelpipe::cli {
@@ -50,13 +51,15 @@ absl::Status CheckOptions(const BenchArguments& arguments) {
 
 absl::StatusOr<LoadResult> Run(BenchArguments& arguments) {
   try {
-    absl::StatusOr<FileBytes> mesh = ReadAndPackMeshFile(
-        arguments.mesh, {}, nullptr, {arguments.allow_outside, TexturesRead(arguments.plan.request)});
+    JobContext reading;
+    const CancelOnInterrupt cancel(reading);
+    absl::StatusOr<MeshInput> mesh =
+        ReadMeshInput(arguments.mesh, {arguments.allow_outside, TexturesRead(arguments.plan.request)}, reading);
     if (!mesh.ok()) {
       return absl::Status(mesh.status().code(),
-                          absl::StrCat(arguments.mesh, ": ", std::string(mesh.status().message())));
+                          absl::StrCat(InputName(arguments.mesh), ": ", std::string(mesh.status().message())));
     }
-    arguments.plan.mesh = *std::move(mesh);
+    arguments.plan.mesh = std::move(mesh->bytes);
     return RunLoad(arguments.plan);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");
@@ -71,6 +74,7 @@ int Bench(BenchArguments& arguments) {
   absl::Status status = request.status();
   if (status.ok()) status = CheckOptions(arguments);
   if (status.ok()) status = CheckServerOption(plan.servers.front());
+  if (status.ok() && IsStandardStream(arguments.mesh)) status = CheckStandardInput();
   if (!status.ok()) {
     PrintError("", status);
     return 2;
@@ -155,7 +159,9 @@ void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments
 void AddBenchCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<BenchArguments>();
   CLI::App* command = app.add_subcommand("bench", "Put a load on servers and measure throughput and latency");
-  command->add_option("MESH", arguments->mesh, "Mesh file: .glb, .gltf, .drc")->required()->type_name("");
+  command->add_option("MESH", arguments->mesh, "Mesh file: .glb, .gltf, .drc; - is standard input")
+      ->required()
+      ->type_name("");
   command->add_option("--server", arguments->plan.servers, Wrapped("A server; several with commas or several --server"))
       ->required()
       ->type_name("HOST:PORT")

@@ -14,6 +14,7 @@
 #include "mesh/contents.h"
 #include "mesh/report.h"
 #include "options/request_flags.h"
+#include "options/standard_streams.h"
 #include "pipeline/warnings.h"
 
 namespace voxelpipe::cli {
@@ -124,7 +125,9 @@ absl::Status Info(const InfoArguments& arguments) {
 void AddInfoCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<InfoArguments>();
   CLI::App* command = app.add_subcommand("info", "Describe a mesh file");
-  command->add_option("FILE", arguments->path, "Mesh file: .glb, .gltf, .drc")->required()->type_name("");
+  command->add_option("FILE", arguments->path, "Mesh file: .glb, .gltf, .drc; - is standard input")
+      ->required()
+      ->type_name("");
   command->add_option("--server", arguments->server, "Let this server inspect the file")
       ->type_name("HOST:PORT")
       ->check(RefuseEmpty);
@@ -136,10 +139,17 @@ void AddInfoCommand(CLI::App& app, int& exit_code) {
       exit_code = 2;
       return;
     }
+    if (IsStandardStream(arguments->path)) {
+      if (const absl::Status status = CheckStandardInput(); !status.ok()) {
+        PrintError("", status);
+        exit_code = 2;
+        return;
+      }
+    }
     const absl::Status status = Info(*arguments);
     if (status.ok()) return;
     const int signal = InterruptSignal();
-    PrintError(arguments->path, signal != 0 ? absl::CancelledError(StoppedReason(signal)) : status);
+    PrintError(InputName(arguments->path), signal != 0 ? absl::CancelledError(StoppedReason(signal)) : status);
     exit_code = signal != 0 ? StoppedExitCode(signal) : 1;
   });
 }

@@ -1,11 +1,10 @@
+#include <algorithm>
+#include <cstdio>
 #include <exception>
 #include <new>
 
-#include "absl/strings/str_cat.h"
 #include "commands/commands.h"
 #include "commands/progress_bar.h"
-#include "encode/encode.h"
-#include "encode/result_file.h"
 #include "engine/engine.h"
 #include "engine/interrupt.h"
 #include "engine/report.h"
@@ -14,13 +13,15 @@
 #include "options/output_plan.h"
 #include "options/request_flags.h"
 #include "options/request_options.h"
+#include "options/standard_streams.h"
 
 namespace voxelpipe::cli {
 namespace {
 
 struct VoxelizeArguments {
   std::vector<std::string> inputs;
-  std::string output, preview, server;
+  OutputNames names;
+  std::string server;
   RequestOptions request;
   int repeat = 1;
   bool json = false, allow_outside = false;
@@ -40,15 +41,28 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
         RunToFiles(engine, *std::move(mesh), request, arguments.repeat, plan, job, report);
     if (!run.ok()) return run.status();
     bar.Clear();
-    PrintWarnings(input, run->warnings);
-    return PrintLine(arguments.json
-                         ? VoxelizeJson(*run, report).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
-                         : VoxelizeTable(*run, report));
+    PrintWarnings(InputName(input), run->warnings);
+    const std::string summary =
+        arguments.json ? VoxelizeJson(*run, report).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
+                       : VoxelizeTable(*run, report);
+    if (plan.standard_output.empty()) return PrintLine(summary);
+    std::fprintf(stderr, "%s\n", summary.c_str());  // the result is on standard output
+    return absl::OkStatus();
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");
   } catch (const std::exception& error) {
     return absl::InternalError(error.what());
   }
+}
+
+// Standard input is read once, and a terminal is no place for a mesh or a result.
+absl::Status CheckStreams(const VoxelizeArguments& arguments) {
+  const auto streams = std::count_if(arguments.inputs.begin(), arguments.inputs.end(), &IsStandardStream);
+  if (streams > 1) return absl::InvalidArgumentError("'-' is standard input, which holds one mesh; give it once");
+  if (streams == 1) {
+    if (absl::Status s = CheckStandardInput(); !s.ok()) return s;
+  }
+  return IsStandardStream(arguments.names.output) ? CheckStandardOutput() : absl::OkStatus();
 }
 
 int Voxelize(const VoxelizeArguments& arguments) {
@@ -60,14 +74,9 @@ int Voxelize(const VoxelizeArguments& arguments) {
   const absl::StatusOr<VoxelizeRequest> request = BuildRequest(arguments.request);
   if (!request.ok()) return wrong_option(request.status());
   const absl::StatusOr<std::vector<OutputPlan>> plans =
-      PlanOutputs(arguments.inputs, arguments.output, arguments.preview, request->result);
+      PlanOutputs(arguments.inputs, arguments.names, request->result, request->targets.size());
   if (!plans.ok()) return wrong_option(plans.status());
-  for (const OutputPlan& plan : *plans) {
-    const std::string extension = FileExtension(plan.result);
-    if (plan.result.empty() || CanHold(extension, request->result)) continue;
-    return wrong_option(absl::InvalidArgumentError(absl::StrCat("--output: ", extension, " holds dense results; a ",
-                                                                arguments.request.result, " one goes into .npz")));
-  }
+  if (absl::Status s = CheckStreams(arguments); !s.ok()) return wrong_option(s);
   const absl::StatusOr<std::unique_ptr<Engine>> engine = MakeEngine(arguments.server);
   if (!engine.ok()) return wrong_option(engine.status());
 
@@ -75,11 +84,11 @@ int Voxelize(const VoxelizeArguments& arguments) {
   for (size_t i = 0; i < arguments.inputs.size(); ++i) {
     const absl::Status status = VoxelizeOne(**engine, arguments.inputs[i], (*plans)[i], *request, arguments);
     if (const int signal = InterruptSignal(); signal != 0) {
-      PrintError(arguments.inputs[i], StoppedReason(signal));
+      PrintError(InputName(arguments.inputs[i]), StoppedReason(signal));
       return StoppedExitCode(signal);
     }
     if (status.ok()) continue;
-    PrintError(arguments.inputs[i], status);
+    PrintError(InputName(arguments.inputs[i]), status);
     exit_code = 1;  // continues with the other inputs
   }
   return exit_code;
@@ -90,15 +99,23 @@ int Voxelize(const VoxelizeArguments& arguments) {
 void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<VoxelizeArguments>();
   CLI::App* command = app.add_subcommand("voxelize", "Voxelize meshes");
-  command->add_option("IN", arguments->inputs, "Mesh files: .glb, .gltf, .drc")->required()->type_name("");
+  command->add_option("IN", arguments->inputs, "Mesh files: .glb, .gltf, .drc; - is standard input")
+      ->required()
+      ->type_name("");
   command
-      ->add_option("-o,--output", arguments->output,
+      ->add_option("-o,--output", arguments->names.output,
                    Wrapped("File of the result; the extension selects .npy, .npz, .raw or .png (a picture). Several "
-                           "targets into .npy or .raw: OUT.<index>.ext. With several IN a directory. Without it only "
-                           "the summary is printed"))
+                           "targets into .npy or .raw: OUT.<index>.ext. With several IN a directory. - is standard "
+                           "output, with --format; the summary then goes to standard error. Without it only the "
+                           "summary is printed"))
       ->type_name("OUT")
       ->check(RefuseEmpty);
-  command->add_option("--preview", arguments->preview, "Also write a picture: a shaded view and three slices")
+  command
+      ->add_option("--format", arguments->names.format,
+                   Wrapped("Of the result on standard output, or in a directory (default npy; npz for lists)"))
+      ->type_name("npy|npz|raw|png")
+      ->check(CLI::IsMember({"npy", "npz", "raw", "png"}));
+  command->add_option("--preview", arguments->names.preview, "Also write a picture: a shaded view and three slices")
       ->type_name("PNG")
       ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");

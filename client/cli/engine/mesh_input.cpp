@@ -2,14 +2,26 @@
 
 #include "engine/clock.h"
 #include "engine/engine.h"
+#include "options/standard_streams.h"
 
 namespace voxelpipe::cli {
+namespace {
+
+absl::StatusOr<FileBytes> ReadAndPack(const std::string& path, const OutsideFiles& outside, WarningList& warnings,
+                                      const JobContext& job) {
+  if (!IsStandardStream(path)) return ReadAndPackMeshFile(path, {}, &warnings, outside);
+  absl::StatusOr<FileBytes> bytes = ReadStandardInput(LoadLimits().max_file_bytes, job);
+  if (!bytes.ok()) return bytes.status();
+  return PackMesh(*std::move(bytes), "", {}, &warnings, outside);
+}
+
+}  // namespace
 
 absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const OutsideFiles& outside, const JobContext& job) {
   const Stopwatch read;
   job.Report("load", 0);
   WarningList warnings;
-  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path, {}, &warnings, outside);
+  absl::StatusOr<FileBytes> bytes = ReadAndPack(path, outside, warnings, job);
   if (!bytes.ok()) return bytes.status();
   return MeshInput{*std::move(bytes), read.Milliseconds(), std::move(warnings)};
 }

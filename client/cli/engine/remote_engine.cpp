@@ -9,7 +9,6 @@
 #include "engine/report.h"
 #include "engine/server_option.h"
 #include "inspect.h"
-#include "load/pack.h"
 #include "options/server_access.h"
 #include "wire/status.h"
 
@@ -149,13 +148,13 @@ std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target, int retries)
 
 absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::string& path, const OutsideFiles& outside,
                                       const JobContext& job) {
-  WarningList warnings;
-  const absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path, {}, &warnings, outside);
-  if (!bytes.ok()) return bytes.status();
+  absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, outside, job);
+  if (!mesh.ok()) return mesh.status();
   const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
   if (!options.ok()) return options.status();
-  absl::StatusOr<MeshInspection> seen = InspectMesh(target, *options, *bytes, MeshFormat::kAuto, job);
+  absl::StatusOr<MeshInspection> seen = InspectMesh(target, *options, mesh->bytes, MeshFormat::kAuto, job);
   if (!seen.ok()) return seen.status();
+  WarningList warnings = std::move(mesh->warnings);
   warnings.Append(seen->warnings);
   return MeshFacts{seen->report, std::move(seen->contents), std::move(warnings), std::move(seen->stages)};
 }

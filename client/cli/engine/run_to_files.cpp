@@ -2,7 +2,9 @@
 
 #include <filesystem>
 
+#include "encode/atomic_file.h"
 #include "encode/encode.h"
+#include "encode/png_preview.h"
 #include "encode/result_file.h"
 #include "engine/clock.h"
 #include "engine/hash.h"
@@ -18,6 +20,17 @@ void MakeDirectories(const std::string& path) {
   if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
 }
 
+absl::Status WritePictureToStandardOutput(const VoxelizeResult& result, const JobContext& job) {
+  const absl::StatusOr<Picture> picture = RenderPreview(result, {}, &job);
+  if (!picture.ok()) return picture.status();
+  const absl::StatusOr<std::vector<uint8_t>> png = EncodePng(*picture);
+  if (!png.ok()) return png.status();
+  absl::StatusOr<AtomicFile> file = AtomicFile::StandardOutput();
+  if (!file.ok()) return file.status();
+  if (absl::Status status = file->Write(*png, &job); !status.ok()) return status;
+  return file->Commit();
+}
+
 absl::Status WritePictures(const VoxelizeResult& result, const OutputPlan& plan, JobContext& job,
                            VoxelizeReport& report) {
   for (const std::string& path : {plan.result, plan.preview}) {
@@ -27,7 +40,21 @@ absl::Status WritePictures(const VoxelizeResult& result, const OutputPlan& plan,
     if (absl::Status status = WriteResult(result, path, &job); !status.ok()) return status;
     report.files.push_back(path);
   }
-  return absl::OkStatus();
+  if (plan.standard_output != ".png") return absl::OkStatus();
+  job.Report("encode", 0.5);
+  report.files.emplace_back("-");
+  return WritePictureToStandardOutput(result, job);
+}
+
+// Null if the plan has no file but pictures.
+absl::StatusOr<std::unique_ptr<ResultFile>> OpenFile(const OutputPlan& plan, const JobContext& job) {
+  if (!plan.standard_output.empty()) {
+    if (plan.standard_output == ".png") return std::unique_ptr<ResultFile>();
+    return OpenStandardOutput(plan.standard_output, &job);
+  }
+  if (plan.result.empty() || FileExtension(plan.result) == ".png") return std::unique_ptr<ResultFile>();
+  MakeDirectories(plan.result);
+  return OpenResultFile(plan.result, &job);
 }
 
 // Measures the time of writing a file.
@@ -60,14 +87,11 @@ class TimedSink final : public ResultSink {
 
 absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const VoxelizeRequest& request, int repeat,
                                      const OutputPlan& plan, JobContext& job, VoxelizeReport& report) {
-  std::unique_ptr<ResultFile> file;
-  if (!plan.result.empty() && FileExtension(plan.result) != ".png") {
-    MakeDirectories(plan.result);
-    absl::StatusOr<std::unique_ptr<ResultFile>> opened = OpenResultFile(plan.result, &job);
-    if (!opened.ok()) return opened.status();
-    file = *std::move(opened);
-  }
-  const bool picture = !plan.preview.empty() || (!plan.result.empty() && file == nullptr);
+  absl::StatusOr<std::unique_ptr<ResultFile>> opened = OpenFile(plan, job);
+  if (!opened.ok()) return opened.status();
+  const std::unique_ptr<ResultFile> file = *std::move(opened);
+  const bool has_result = !plan.result.empty() || !plan.standard_output.empty();
+  const bool picture = !plan.preview.empty() || (has_result && file == nullptr);
   TimedSink timed(file.get());
   HashingSink sink(&timed);
   VoxelizeResult whole;
@@ -84,7 +108,8 @@ absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const Voxel
   if (file != nullptr) {
     file->set_sha256(report.hash);
     if (absl::Status status = file->Commit(); !status.ok()) return status;
-    report.files = WrittenPaths(plan.result, request.targets.size());
+    report.files = plan.standard_output.empty() ? WrittenPaths(plan.result, request.targets.size())
+                                                : std::vector<std::string>{"-"};
   }
   if (absl::Status status = WritePictures(whole, plan, job, report); !status.ok()) return status;
   report.encode_ms = timed.milliseconds() + encode.Milliseconds();

@@ -5,6 +5,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "encode/encode.h"
+#include "encode/result_file.h"
+#include "options/standard_streams.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -20,7 +22,7 @@ std::vector<std::string> UniqueStems(const std::vector<std::string>& inputs) {
   std::set<std::string> taken;
   std::vector<std::string> stems;
   for (const std::string& input : inputs) {
-    std::string stem = fs::path(input).stem().string();
+    std::string stem = IsStandardStream(input) ? "stdin" : fs::path(input).stem().string();
     if (stem.empty()) stem = "mesh";
     std::string name = stem;
     for (int number = 2; !taken.insert(name).second; ++number) name = absl::StrCat(stem, "-", number);
@@ -29,38 +31,90 @@ std::vector<std::string> UniqueStems(const std::vector<std::string>& inputs) {
   return stems;
 }
 
+template <typename... Parts>
+absl::Status Wrong(const Parts&... parts) {
+  return absl::InvalidArgumentError(absl::StrCat(parts...));
+}
+
+// ".npz" of the files whose names give no extension.
+std::string UsualExtension(const OutputNames& names, ResultKind kind) {
+  if (!names.format.empty()) return absl::StrCat(".", names.format);
+  return kind == ResultKind::kDense ? ".npy" : ".npz";
+}
+
+absl::Status CheckHolds(const std::string& extension, ResultKind kind) {
+  if (CanHold(extension, kind)) return absl::OkStatus();
+  return Wrong("--output: ", extension, " holds dense results; a ", std::string(Name(kind)), " one goes into .npz");
+}
+
+absl::Status CheckStandardOutputPlan(const OutputNames& names, size_t inputs, size_t targets) {
+  if (names.format.empty()) {
+    return Wrong("--output: '-' is standard output; name its format by --format npy, npz, raw or png");
+  }
+  if (inputs != 1) {
+    return Wrong("--output: '-' takes the result of one input, there are ", inputs, "; give a directory");
+  }
+  if (targets == 1 || names.format == "npz" || names.format == "png") return absl::OkStatus();
+  return Wrong("--output: ", targets, " targets are ", targets, " .", names.format,
+               " files, which '-' cannot take; give --format npz or a file name");
+}
+
+// The file or directory of one option, with its place in a plan.
+struct Place {
+  const char* option;
+  const std::string& path;
+  const std::string extension;  // of files in a directory
+  std::string OutputPlan::*member;
+};
+
+absl::Status PlanPlace(const Place& place, const std::vector<std::string>& stems, std::vector<OutputPlan>& plans) {
+  const auto& [option, path, extension, member] = place;
+  if (path.empty()) return absl::OkStatus();
+  const bool picture = member == &OutputPlan::preview;
+  const bool directory = NamesDirectory(path);
+  const std::string given = FileExtension(path);
+  if (plans.size() > 1 && !directory && IsKnownExtension(given)) {
+    return Wrong(option, ": '", path, "' names one file, but there are ", plans.size(), " inputs; give a directory");
+  }
+  if (directory || plans.size() > 1) {
+    for (size_t i = 0; i < plans.size(); ++i) plans[i].*member = (fs::path(path) / (stems[i] + extension)).string();
+    return absl::OkStatus();
+  }
+  if (!IsKnownExtension(given) || (picture && given != ".png")) {
+    return Wrong(option, ": '", path, "': the extension must be ", picture ? ".png" : ".npy, .npz, .raw or .png",
+                 given.empty() ? ", but there is none" : "");
+  }
+  plans[0].*member = path;
+  return absl::OkStatus();
+}
+
 }  // namespace
 
-absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const std::string& output,
-                                                    const std::string& preview, ResultKind kind) {
+absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const OutputNames& names,
+                                                    ResultKind kind, size_t targets) {
   std::vector<OutputPlan> plans(inputs.size());
   const std::vector<std::string> stems = UniqueStems(inputs);
-  const auto plan = [&](const char* option, const std::string& path, const char* extension, bool picture,
-                        std::string OutputPlan::*member) -> absl::Status {
-    if (path.empty()) return absl::OkStatus();
-    const bool directory = NamesDirectory(path);
-    const std::string given = FileExtension(path);
-    if (inputs.size() > 1 && !directory && IsKnownExtension(given)) {
-      return absl::InvalidArgumentError(absl::StrCat(option, ": '", path, "' names one file, but there are ",
-                                                     inputs.size(), " inputs; give a directory"));
+  if (!names.format.empty() && names.output.empty()) {
+    return Wrong("--format: is that of --output, which is not given");
+  }
+  const std::string usual = UsualExtension(names, kind);
+  if (IsStandardStream(names.output)) {
+    if (absl::Status s = CheckStandardOutputPlan(names, inputs.size(), targets); !s.ok()) return s;
+    plans[0].standard_output = usual;
+  } else {
+    absl::Status s = PlanPlace({"--output", names.output, usual, &OutputPlan::result}, stems, plans);
+    if (!s.ok()) return s;
+  }
+  absl::Status s = PlanPlace({"--preview", names.preview, ".png", &OutputPlan::preview}, stems, plans);
+  if (!s.ok()) return s;
+  for (const OutputPlan& plan : plans) {
+    if (plan.result.empty() && plan.standard_output.empty()) continue;
+    const std::string extension = plan.result.empty() ? plan.standard_output : FileExtension(plan.result);
+    if (absl::Status holds = CheckHolds(extension, kind); !holds.ok()) return holds;
+    if (!names.format.empty() && extension != usual) {
+      return Wrong("--format: '", plan.result, "' is no ", names.format, "; leave --format out, or change the name");
     }
-    if (directory || inputs.size() > 1) {
-      for (size_t i = 0; i < inputs.size(); ++i) plans[i].*member = (fs::path(path) / (stems[i] + extension)).string();
-      return absl::OkStatus();
-    }
-    if (!IsKnownExtension(given) || (picture && given != ".png")) {
-      return absl::InvalidArgumentError(absl::StrCat(option, ": '", path, "': the extension must be ",
-                                                     picture ? ".png" : ".npy, .npz, .raw or .png",
-                                                     given.empty() ? ", but there is none" : ""));
-    }
-    plans[0].*member = path;
-    return absl::OkStatus();
-  };
-  if (absl::Status s =
-          plan("--output", output, kind == ResultKind::kDense ? ".npy" : ".npz", false, &OutputPlan::result);
-      !s.ok())
-    return s;
-  if (absl::Status s = plan("--preview", preview, ".png", true, &OutputPlan::preview); !s.ok()) return s;
+  }
   return plans;
 }
 

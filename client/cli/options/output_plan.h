@@ -10,16 +10,24 @@
 namespace voxelpipe::cli {
 
 struct OutputPlan {
-  std::string result;   // path for WriteResult, empty = none
-  std::string preview;  // path of the picture, empty = none
+  std::string result;           // path for WriteResult, empty = none
+  std::string preview;          // path of the picture, empty = none
+  std::string standard_output;  // extension of the format in which the result goes there, empty = it does not
 };
 
-// One plan for each input, in order. `output` and `preview` as typed, empty if not given. With several inputs, or if it
-// is an existing directory or ends in '/', each of the two is a directory: files there have the input's stem as name
-// (.npy for dense results, .npz for others, .png for pictures), with "-2", "-3", ... appended if a name is taken.
-// Errors: INVALID_ARGUMENT for an extension that cannot hold the result, and for a file name where a directory is
-// needed.
-absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const std::string& output,
-                                                    const std::string& preview, ResultKind kind = ResultKind::kDense);
+// What was typed; empty if not given.
+struct OutputNames {
+  std::string output, preview;
+  std::string format;  // npy, npz, raw or png
+};
+
+// One plan for each input, in order. With several inputs, or if it is an existing directory or ends in '/', `output`
+// and `preview` are directories each: files there have the input's stem as name (of `format`, by default .npy for dense
+// results, .npz for others; .png for pictures), with "-2", "-3", ... appended if a name is taken. The output "-" is
+// standard output; the stem of the input "-" is "stdin". `targets`: how many the request has. Errors: INVALID_ARGUMENT
+// for an extension that cannot hold the result, for a file name where a directory is needed, for a format that is not
+// that of the file, and for standard output without a format or where it cannot hold all results.
+absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const OutputNames& names,
+                                                    ResultKind kind = ResultKind::kDense, size_t targets = 1);
 
 }  // namespace voxelpipe::cli

@@ -25,12 +25,14 @@ inline std::string ShellQuoted(const std::string& text) {
   return quoted + "'";
 }
 
-// `prefix` goes before the command, e.g. "ulimit -v 100000;".
-inline CliOutcome RunCli(const std::vector<std::string>& arguments, const std::string& prefix = "") {
+// `prefix` goes before the command, e.g. "ulimit -v 100000;", `redirections` behind it, e.g. "<mesh.glb".
+inline CliOutcome RunCli(const std::vector<std::string>& arguments, const std::string& prefix = "",
+                         const std::string& redirections = "") {
   const TemporaryDirectory directory;
   std::string command = prefix + " " + ShellQuoted(VOXELPIPE_CLI);
   for (const std::string& argument : arguments) command += " " + ShellQuoted(argument);
-  command += " >" + ShellQuoted(directory / "out") + " 2>" + ShellQuoted(directory / "err") + " </dev/null";
+  command +=
+      " >" + ShellQuoted(directory / "out") + " 2>" + ShellQuoted(directory / "err") + " </dev/null " + redirections;
   const int status = std::system(command.c_str());
   CliOutcome outcome;
   outcome.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);

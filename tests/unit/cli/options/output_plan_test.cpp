@@ -11,7 +11,7 @@ namespace {
 using ::testing::HasSubstr;
 
 TEST(PlanOutputs, WithoutOptionsNothingIsWritten) {
-  const std::vector<OutputPlan> plans = PlanOutputs({"a.glb", "b.glb"}, "", "").value();
+  const std::vector<OutputPlan> plans = PlanOutputs({"a.glb", "b.glb"}, {}).value();
   ASSERT_EQ(plans.size(), 2u);
   for (const OutputPlan& plan : plans) {
     EXPECT_EQ(plan.result, "");
@@ -20,13 +20,13 @@ TEST(PlanOutputs, WithoutOptionsNothingIsWritten) {
 }
 
 TEST(PlanOutputs, OneInputTakesTheNamesAsTheyAre) {
-  const std::vector<OutputPlan> plans = PlanOutputs({"a.glb"}, "dir/out.raw", "look.PNG").value();
+  const std::vector<OutputPlan> plans = PlanOutputs({"a.glb"}, {"dir/out.raw", "look.PNG", ""}).value();
   EXPECT_EQ(plans[0].result, "dir/out.raw");
   EXPECT_EQ(plans[0].preview, "look.PNG");
 }
 
 TEST(PlanOutputs, SeveralInputsGoIntoADirectoryUnderTheirStems) {
-  const std::vector<OutputPlan> plans = PlanOutputs({"x/a.glb", "y/b.c.gltf"}, "out", "pictures").value();
+  const std::vector<OutputPlan> plans = PlanOutputs({"x/a.glb", "y/b.c.gltf"}, {"out", "pictures", ""}).value();
   EXPECT_EQ(plans[0].result, "out/a.npy");
   EXPECT_EQ(plans[1].result, "out/b.c.npy");
   EXPECT_EQ(plans[0].preview, "pictures/a.png");
@@ -34,7 +34,8 @@ TEST(PlanOutputs, SeveralInputsGoIntoADirectoryUnderTheirStems) {
 }
 
 TEST(PlanOutputs, TellsApartInputsOfTheSameStem) {
-  const std::vector<OutputPlan> plans = PlanOutputs({"x/a.glb", "y/a.gltf", "a-2.glb", "a.drc"}, "out", "").value();
+  const std::vector<OutputPlan> plans =
+      PlanOutputs({"x/a.glb", "y/a.gltf", "a-2.glb", "a.drc"}, {"out", "", ""}).value();
   EXPECT_EQ(plans[0].result, "out/a.npy");
   EXPECT_EQ(plans[1].result, "out/a-2.npy");
   EXPECT_EQ(plans[2].result, "out/a-2-2.npy");
@@ -43,13 +44,13 @@ TEST(PlanOutputs, TellsApartInputsOfTheSameStem) {
 
 TEST(PlanOutputs, ADirectoryServesOneInputToo) {
   const testing::TemporaryDirectory directory;
-  EXPECT_EQ(PlanOutputs({"a.glb"}, directory.path().string(), "").value()[0].result, directory / "a.npy");
-  EXPECT_EQ(PlanOutputs({"a.glb"}, "new/", "").value()[0].result, "new/a.npy");
+  EXPECT_EQ(PlanOutputs({"a.glb"}, {directory.path().string(), "", ""}).value()[0].result, directory / "a.npy");
+  EXPECT_EQ(PlanOutputs({"a.glb"}, {"new/", "", ""}).value()[0].result, "new/a.npy");
 }
 
 TEST(PlanOutputs, RefusesNamesThatCannotHoldTheResult) {
   const auto error = [](const std::vector<std::string>& inputs, const std::string& output, const std::string& preview) {
-    const auto plans = PlanOutputs(inputs, output, preview);
+    const auto plans = PlanOutputs(inputs, {output, preview, ""});
     EXPECT_EQ(plans.status().code(), absl::StatusCode::kInvalidArgument);
     return std::string(plans.status().message());
   };
