@@ -97,7 +97,8 @@ absl::StatusOr<bool> SetOption(const std::string& key, const json& value, Reques
   const std::map<std::string, std::optional<std::string>*> optional = {
       {"voxel_size", &options.voxel_size}, {"dims", &options.dims},
       {"origin", &options.origin},         {"fit", &options.fit},
-      {"shader", &options.shader},         {"vertex_shader", &options.vertex_shader}};
+      {"shader", &options.shader},         {"vertex_shader", &options.vertex_shader},
+      {"grid_like", &options.grid_like}};
   if (const auto found = optional.find(key); found != optional.end()) return set(*found->second);
   const std::map<std::string, std::string*> plain = {{"coverage", &options.coverage}, {"fill", &options.fill},
                                                      {"layout", &options.layout},     {"result", &options.result},
@@ -128,9 +129,15 @@ absl::Status SetName(const std::string& key, const json& value, ItemNames& names
   return absl::OkStatus();
 }
 
-// A request gives the grid in one of three forms; the form of an item replaces that of the defaults.
+// A request gives the grid in one of several forms; the form of an item replaces that of the defaults.
 void DropOtherGrids(const json& object, RequestOptions& options) {
   const auto gives = [&](const char* key, const char* typed) { return object.contains(key) || object.contains(typed); };
+  if (gives("grid_like", "grid-like")) {
+    for (auto* other : {&options.voxel_size, &options.dims, &options.origin, &options.fit}) other->reset();
+    options.resolution.reset();
+    return;
+  }
+  if (gives("resolution", "resolution") || gives("voxel_size", "voxel-size")) options.grid_like.reset();
   if (gives("resolution", "resolution")) {
     options.voxel_size.reset();
     options.dims.reset();
@@ -188,7 +195,9 @@ std::string Canonical(const RequestOptions& options) {
                  {"targets", options.targets},
                  {"layout", options.layout},
                  {"result", options.result}};
-  if (options.strict) canonical["strict"] = true;  // only if set, so that earlier records stay valid
+  // Only if set, so that earlier records stay valid.
+  if (options.strict) canonical["strict"] = true;
+  if (options.grid_like) canonical["grid_like"] = *options.grid_like;  // in no digest: those have its grid
   return canonical.dump(-1, ' ', true, json::error_handler_t::replace);
 }
 
@@ -215,6 +224,9 @@ class Reader {
       if (!is_option.ok()) return is_option.status();
       if (*is_option) continue;
       if (absl::Status s = SetName(key, value, names); !s.ok()) return s;
+    }
+    if (object.contains("grid_like") || object.contains("grid-like")) {
+      options.grid_like = FindInput(directory_, *options.grid_like);
     }
     if (!names.input) return Wrong("'input' is missing");
     if (IsStandardStream(*names.input)) return Wrong("'input': '-' is standard input; name a file (./- has this name)");
@@ -246,9 +258,12 @@ class Reader {
     const std::string key = absl::StrCat(canonical, options.backend, " ", options.simd, " ", options.threads);
     std::shared_ptr<const BatchRequest>& known = requests_[key];
     if (known != nullptr) return known;
-    absl::StatusOr<VoxelizeRequest> request = BuildRequest(options);
+    const absl::StatusOr<RequestOptions> with_grid = WithGridLike(options);
+    if (!with_grid.ok()) return with_grid.status();
+    absl::StatusOr<VoxelizeRequest> request = BuildRequest(*with_grid);
     if (!request.ok()) return request.status();
-    std::string digest = Sha256Hex({reinterpret_cast<const uint8_t*>(canonical.data()), canonical.size()});
+    const std::string identity = Canonical(*with_grid);
+    std::string digest = Sha256Hex({reinterpret_cast<const uint8_t*>(identity.data()), identity.size()});
     known = std::make_shared<const BatchRequest>(BatchRequest{*std::move(request), std::move(digest)});
     return known;
   }

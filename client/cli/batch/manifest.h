@@ -57,11 +57,11 @@ struct ManifestDefaults {
 //   format   npy, npz, raw or png
 //   preview  file of a picture below the output directory
 // and any option of `voxelpipe voxelize` about the grid, the voxels and the execution, without its dashes ("voxel_size"
-// or "voxel-size"): numbers, texts, or lists of them; "target" is a text or a list. A resolution or a voxel size of an
-// item replaces the other one of the defaults. Errors: INVALID_ARGUMENT "FILE:LINE: what is wrong" for the first line
-// at fault: no JSON, an unknown key, a wrong option, an extension that cannot hold the result, a file outside the
-// output directory, or two items with one id or one file. NOT_FOUND and the system's errors if the manifest cannot be
-// read.
+// or "voxel-size"): numbers, texts, or lists of them; "target" is a text or a list. A grid of an item replaces that of
+// the defaults. The file of a "grid_like" is searched like an input; digests hold its grid, not its name. Errors:
+// INVALID_ARGUMENT "FILE:LINE: what is wrong" for the first line at fault: no JSON, an unknown key, a wrong option, an
+// extension that cannot hold the result, a file outside the output directory, or two items with one id or one file.
+// NOT_FOUND and the system's errors if the manifest cannot be read.
 absl::StatusOr<Manifest> ReadManifest(const std::string& path, const ManifestDefaults& defaults);
 
 }  // namespace voxelpipe::cli

@@ -36,6 +36,8 @@ void AddGridOptions(CLI::App& command, RequestOptions& request) {
   add("--voxel-size", request.voxel_size, "H[,HY,HZ]", "Voxel size, one for all axes or three, in the mesh's units");
   add("--dims", request.dims, "X,Y,Z", "Dims of a grid that --dims, --origin and --voxel-size give together");
   add("--origin", request.origin, "X,Y,Z", "Origin of that grid: the corner of its first voxel");
+  add("--grid-like", request.grid_like, "FILE",
+      "The grid of an earlier result: an OUT.raw.json, a summary of --json, or an .npz of this program");
   add("--fit", request.fit, "tight|cube",
       "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N, shorter axes centred");
   add("--padding", request.padding, "P", "Empty voxels on every side (default 0)");

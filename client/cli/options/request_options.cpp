@@ -5,6 +5,8 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_format.h"
+#include "options/grid_like.h"
 #include "options/parse.h"
 #include "pipeline/plan/plan.h"
 
@@ -65,7 +67,33 @@ absl::Status BuildGrid(const RequestOptions& options, GridRequest& grid) {
 
 }  // namespace
 
-absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& options) {
+absl::StatusOr<RequestOptions> WithGridLike(RequestOptions options) {
+  if (!options.grid_like) return options;
+  const std::string path = *std::exchange(options.grid_like, std::nullopt);
+  const std::pair<const char*, bool> others[] = {{"--resolution", options.resolution.has_value()},
+                                                 {"--voxel-size", options.voxel_size.has_value()},
+                                                 {"--dims", options.dims.has_value()},
+                                                 {"--origin", options.origin.has_value()},
+                                                 {"--fit", options.fit.has_value()}};
+  for (const auto& [name, given] : others) {
+    if (!given) continue;
+    return absl::InvalidArgumentError(
+        absl::StrCat("--grid-like: the whole grid is that of the file; leave ", name, " out, or --grid-like"));
+  }
+  const absl::StatusOr<GridPlace> place = ReadGridPlace(path);
+  if (!place.ok()) return AtOption(absl::StrCat("--grid-like: ", path).c_str(), place.status());
+  // As texts that give back every bit, so that equal grids are equal options.
+  const auto text = [](const Vec3d& v) { return absl::StrFormat("%.17g,%.17g,%.17g", v.x, v.y, v.z); };
+  options.dims = absl::StrCat(place->dims[0], ",", place->dims[1], ",", place->dims[2]);
+  options.origin = text(place->origin);
+  options.voxel_size = text(place->voxel_size);
+  return options;
+}
+
+absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& given) {
+  const absl::StatusOr<RequestOptions> with_grid = WithGridLike(given);
+  if (!with_grid.ok()) return with_grid.status();
+  const RequestOptions& options = *with_grid;
   VoxelizeRequest request;
   if (absl::Status s = BuildGrid(options, request.grid); !s.ok()) return s;
 

@@ -16,6 +16,7 @@ struct RequestOptions {
   std::optional<int64_t> resolution{};
   std::optional<std::string> voxel_size{}, dims{}, origin{};
   std::optional<std::string> fit{};
+  std::optional<std::string> grid_like{};  // path of an earlier result
   int64_t padding = 0;
   std::string coverage = "conservative";
   std::string fill = "none";
@@ -33,5 +34,9 @@ struct RequestOptions {
 // INVALID_ARGUMENT naming the option at fault: a text that cannot be parsed, options that exclude each other, a shader,
 // blend or parameter that does not exist.
 absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& options);
+
+// In: options, perhaps with `grid_like`. Out: the same with the dims, origin and voxel size of that file in its place.
+// INVALID_ARGUMENT as BuildRequest, which calls it.
+absl::StatusOr<RequestOptions> WithGridLike(RequestOptions options);
 
 }  // namespace voxelpipe::cli

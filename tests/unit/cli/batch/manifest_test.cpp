@@ -173,6 +173,33 @@ TEST_F(ManifestTest, TheDigestKnowsWhatChangesBytesAndNothingElse) {
   }
 }
 
+TEST_F(ManifestTest, AGridLikeIsSearchedBesideTheManifestAndTheDigestHoldsItsGrid) {
+  const auto write = [&](const char* name, const char* origin) {
+    std::ofstream(directory_ / name) << R"({"dims":[4,3,2],"voxel_size":[1,1,0.5],"origin":)" << origin << "}";
+  };
+  write("a.json", "[0,0,1]");
+  write("same.json", "[0,0,1]");
+  write("other.json", "[0,0,2]");
+  const auto item = [&](const std::string& keys) { return Items("{\"input\":\"a\"" + keys + "}")[0].request; };
+  const auto first = item(R"(,"grid_like":"a.json")");
+  EXPECT_EQ(first->request.grid.dims, (std::array<int64_t, 3>{4, 3, 2}));
+  EXPECT_EQ(item(R"(,"grid-like":"same.json")")->digest, first->digest);
+  EXPECT_EQ(item(R"(,"dims":"4,3,2","origin":"0,0,1","voxel_size":"1,1,0.5")")->digest, first->digest);
+  EXPECT_NE(item(R"(,"grid_like":"other.json")")->digest, first->digest);
+  EXPECT_THAT(Error(R"({"input":"a","grid_like":"a.json","resolution":4})"), HasSubstr("leave --resolution out"));
+  EXPECT_THAT(Error(R"({"input":"a","grid_like":"no.json"})"), HasSubstr("no.json: no such file"));
+  defaults_.request.resolution = 64;
+  EXPECT_EQ(item(R"(,"grid_like":"a.json")")->digest, first->digest);
+  defaults_.request = RequestOptions();
+  defaults_.request.grid_like = directory_ / "a.json";
+  EXPECT_EQ(item("")->digest, first->digest);
+  EXPECT_EQ(item(R"(,"resolution":9)")->request.grid.resolution, 9);
+}
+
+TEST_F(ManifestTest, StandardInputIsNoInput) {
+  EXPECT_THAT(Error(R"({"input":"-"})"), HasSubstr("name a file"));
+}
+
 TEST_F(ManifestTest, AManifestThatIsNotThereIsNotFound) {
   EXPECT_TRUE(absl::IsNotFound(ReadManifest(directory_ / "none", defaults_).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(ReadManifest(directory_.path().string(), defaults_).status()));
