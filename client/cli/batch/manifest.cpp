@@ -98,7 +98,7 @@ absl::StatusOr<bool> SetOption(const std::string& key, const json& value, Reques
       {"voxel_size", &options.voxel_size}, {"dims", &options.dims},
       {"origin", &options.origin},         {"fit", &options.fit},
       {"shader", &options.shader},         {"vertex_shader", &options.vertex_shader},
-      {"grid_like", &options.grid_like}};
+      {"grid_like", &options.grid_like},   {"axes", &options.axes}};
   if (const auto found = optional.find(key); found != optional.end()) return set(*found->second);
   const std::map<std::string, std::string*> plain = {{"coverage", &options.coverage}, {"fill", &options.fill},
                                                      {"layout", &options.layout},     {"result", &options.result},
@@ -197,6 +197,7 @@ std::string Canonical(const RequestOptions& options) {
                  {"result", options.result}};
   // Only if set, so that earlier records stay valid.
   if (options.strict) canonical["strict"] = true;
+  if (options.axes) canonical["axes"] = *options.axes;
   if (options.grid_like) canonical["grid_like"] = *options.grid_like;  // in no digest: those have its grid
   return canonical.dump(-1, ' ', true, json::error_handler_t::replace);
 }

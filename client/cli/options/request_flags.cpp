@@ -30,7 +30,7 @@ namespace {
 void AddGridOptions(CLI::App& command, RequestOptions& request) {
   const std::string group = "Grid";
   const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
-    command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
   };
   add("--resolution", request.resolution, "N", "Voxels along the longest extent (default 128)");
   add("--voxel-size", request.voxel_size, "H[,HY,HZ]", "Voxel size, one for all axes or three, in the mesh's units");
@@ -38,6 +38,10 @@ void AddGridOptions(CLI::App& command, RequestOptions& request) {
   add("--origin", request.origin, "X,Y,Z", "Origin of that grid: the corner of its first voxel");
   add("--grid-like", request.grid_like, "FILE",
       "The grid of an earlier result: an OUT.raw.json, a summary of --json, or an .npz of this program");
+  add("--axes", request.axes, "A,B,C",
+      "The mesh's axes that become the grid's, after the vertex shader: x,z,-y turns a mesh with z up. With identity "
+      "and transform")
+      ->allow_extra_args(false);
   add("--fit", request.fit, "tight|cube",
       "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N, shorter axes centred");
   add("--padding", request.padding, "P", "Empty voxels on every side (default 0)");

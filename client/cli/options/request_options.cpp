@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "options/axes.h"
 #include "options/grid_like.h"
 #include "options/parse.h"
 #include "pipeline/plan/plan.h"
@@ -127,6 +128,13 @@ absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& given) {
     absl::StatusOr<ShaderCall> call = ParseShaderCall(*options.vertex_shader);
     if (!call.ok()) return AtOption("--vertex-shader", call.status());
     request.vertex_shader = *std::move(call);
+  }
+  if (options.axes) {
+    const absl::StatusOr<Mat4d> axes = ParseAxes(*options.axes);
+    if (!axes.ok()) return AtOption("--axes", axes.status());
+    absl::StatusOr<ShaderCall> turned = WithAxes(request.vertex_shader, *axes);
+    if (!turned.ok()) return AtOption("--axes", turned.status());
+    request.vertex_shader = *std::move(turned);
   }
   absl::StatusOr<std::vector<TargetSpec>> targets = ResolveTargets(options.targets, options.shader);
   if (!targets.ok()) return AtOption(options.targets.empty() ? "--shader" : "--target", targets.status());

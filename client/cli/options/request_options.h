@@ -17,6 +17,7 @@ struct RequestOptions {
   std::optional<std::string> voxel_size{}, dims{}, origin{};
   std::optional<std::string> fit{};
   std::optional<std::string> grid_like{};  // path of an earlier result
+  std::optional<std::string> axes{};
   int64_t padding = 0;
   std::string coverage = "conservative";
   std::string fill = "none";

@@ -62,6 +62,13 @@ TEST(VertexShadersTest, TransformTurnsTangentsAndMirroringFlipsTheirHandedness) 
   EXPECT_EQ(Shade({"transform", {{"matrix", mirror}}}, Flat()).tangent, (Vec4f{1, 0, 0, -1}));
 }
 
+TEST(VertexShadersTest, TransformKeepsNormalsOnTheirSideOfTheSurfaceInAMirrorToo) {
+  const std::vector<double> mirror = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1};
+  EXPECT_EQ(Shade({"transform", {{"matrix", mirror}}}, Flat()).normal, (Vec3f{0, 0, -1}));
+  const std::vector<double> swap = {0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1};
+  EXPECT_EQ(Shade({"transform", {{"matrix", swap}}}, Flat()).normal, (Vec3f{1, 0, 0}));
+}
+
 TEST(VertexShadersTest, PoseMorphsThenSkinsWithNormalizedWeights) {
   const Vec3f positions[1] = {{1, 0, 0}}, delta[1] = {{0, 2, 0}};
   const Vec3f normals[1] = {{0, 0, 1}};

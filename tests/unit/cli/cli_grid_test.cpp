@@ -1,0 +1,104 @@
+// Where the grid lies: axes, boxes, grids of earlier results.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstring>
+#include <fstream>
+
+#include "cli_runner.h"
+
+namespace voxelpipe {
+namespace {
+
+using nlohmann::json;
+using testing::CliOutcome;
+using ::testing::HasSubstr;
+using testing::LineCount;
+using testing::ReadFile;
+using testing::RunCli;
+using testing::TemporaryDirectory;
+using testing::WriteBoxGlb;
+
+class CliGrid : public ::testing::Test {
+ protected:
+  CliGrid() : box_(directory_ / "box.glb") { WriteBoxGlb(box_, 1, 2, 4); }
+
+  json VoxelizeJson(std::vector<std::string> options) {
+    options.insert(options.begin(), {"voxelize", box_, "--json"});
+    const CliOutcome outcome = RunCli(options);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return json::parse(outcome.out, nullptr, false);
+  }
+  void ExpectRefused(std::vector<std::string> options, const std::string& why) {
+    options.insert(options.begin(), {"voxelize", box_});
+    const CliOutcome outcome = RunCli(options);
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.err;
+    EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+    EXPECT_THAT(outcome.err, HasSubstr(why));
+    EXPECT_EQ(outcome.out, "");
+  }
+  static void ExpectSamePlace(const json& a, const json& b) {
+    for (const char* key : {"dims", "origin", "voxel_size"}) EXPECT_EQ(a[key], b[key]) << key;
+  }
+
+  TemporaryDirectory directory_;
+  std::string box_;
+};
+
+TEST_F(CliGrid, GridLikeTakesARawDescriptionASummaryAndAnNpz) {
+  const json first =
+      VoxelizeJson({"--resolution", "9", "--fit", "cube", "--padding", "2", "-o", directory_ / "out.raw"});
+  std::ofstream(directory_ / "summary.json") << first.dump() << "\n";
+  VoxelizeJson(
+      {"--resolution", "9", "--fit", "cube", "--padding", "2", "--result", "sparse", "-o", directory_ / "out.npz"});
+  for (const char* name : {"out.raw.json", "summary.json", "out.npz"}) {
+    const json again = VoxelizeJson({"--grid-like", directory_ / name});
+    ExpectSamePlace(again, first);
+    EXPECT_EQ(again["hash"], first["hash"]) << name;
+  }
+  ASSERT_EQ(RunCli({"voxelize", box_, "-o", directory_ / "out.npy"}).exit_code, 0);
+  ExpectRefused({"--grid-like", directory_ / "out.npy"}, "does not say where its voxels lie; give");
+  ExpectRefused({"--grid-like", directory_ / "out.npz", "--resolution", "4"}, "leave --resolution out");
+  ExpectRefused({"--grid-like", directory_ / "missing.npz"}, "no such file");
+  ExpectRefused({"--grid-like", ""}, "--grid-like");
+}
+
+TEST_F(CliGrid, AxesTurnTheMesh) {
+  const json summary = VoxelizeJson({"--voxel-size", "0.5", "--axes", "x,z,-y"});
+  EXPECT_EQ(summary["dims"], json({2, 8, 4}));
+  EXPECT_EQ(summary["origin"], json({0, 0, -2}));
+  const json turned = VoxelizeJson({"--voxel-size", "0.5", "--axes", "-y,x,z"});  // begins like an option
+  EXPECT_EQ(turned["dims"], json({4, 2, 8}));
+  EXPECT_EQ(turned["origin"], json({-2, 0, 0}));
+  const json moved = VoxelizeJson({"--voxel-size", "0.5", "--axes", "x,z,-y", "--vertex-shader",
+                                   "transform:matrix=1/0/0/10/0/1/0/20/0/0/1/30/0/0/0/1"});
+  EXPECT_EQ(moved["origin"], json({10, 30, -22}));
+}
+
+// The voxel at the middle of the box's face at the mesh's +z, and its geometric normal.
+TEST_F(CliGrid, NormalsFollowTheAxesAndPointInwardsInAMirror) {
+  const auto normal = [&](const char* axes, std::array<size_t, 3> dims, std::array<size_t, 3> voxel) {
+    const json summary = VoxelizeJson({"--voxel-size", "0.25", "--axes", axes, "--target",
+                                       "f32x3:replace:shader=normal", "-o", directory_ / "out.raw"});
+    EXPECT_EQ(summary["dims"], json(dims)) << axes;
+    const std::vector<uint8_t> bytes = ReadFile(directory_ / "out.raw");
+    std::array<float, 3> value{};
+    const size_t n = voxel[0] + dims[0] * (voxel[1] + dims[1] * voxel[2]);
+    if (bytes.size() >= (n + 1) * sizeof value) std::memcpy(value.data(), &bytes[n * sizeof value], sizeof value);
+    return value;
+  };
+  using Normal = std::array<float, 3>;
+  EXPECT_EQ(normal("x,y,z", {4, 8, 16}, {1, 3, 15}), (Normal{0, 0, 1}));
+  EXPECT_EQ(normal("x,z,-y", {4, 16, 8}, {1, 15, 4}), (Normal{0, 1, 0}));
+  EXPECT_EQ(normal("x,z,y", {4, 16, 8}, {1, 15, 3}), (Normal{0, -1, 0}));  // as documented: flat normals turn inwards
+}
+
+TEST_F(CliGrid, WrongAxesExitWith2) {
+  ExpectRefused({"--axes", "x,x,y"}, "as in x,z,-y");
+  ExpectRefused({"--axes", ""}, "--axes");
+  ExpectRefused({"--axes", "x,z,-y", "--vertex-shader", "skin:time=0"}, "leave --axes out");
+}
+
+}  // namespace
+}  // namespace voxelpipe
