@@ -94,11 +94,15 @@ absl::StatusOr<bool> SetOption(const std::string& key, const json& value, Reques
     options.strict = value.get<bool>();
     return true;
   }
-  const std::map<std::string, std::optional<std::string>*> optional = {
-      {"voxel_size", &options.voxel_size}, {"dims", &options.dims},
-      {"origin", &options.origin},         {"fit", &options.fit},
-      {"shader", &options.shader},         {"vertex_shader", &options.vertex_shader},
-      {"grid_like", &options.grid_like},   {"axes", &options.axes}};
+  const std::map<std::string, std::optional<std::string>*> optional = {{"voxel_size", &options.voxel_size},
+                                                                       {"dims", &options.dims},
+                                                                       {"origin", &options.origin},
+                                                                       {"fit", &options.fit},
+                                                                       {"shader", &options.shader},
+                                                                       {"vertex_shader", &options.vertex_shader},
+                                                                       {"grid_like", &options.grid_like},
+                                                                       {"axes", &options.axes},
+                                                                       {"clip", &options.clip}};
   if (const auto found = optional.find(key); found != optional.end()) return set(*found->second);
   const std::map<std::string, std::string*> plain = {{"coverage", &options.coverage}, {"fill", &options.fill},
                                                      {"layout", &options.layout},     {"result", &options.result},
@@ -133,11 +137,18 @@ absl::Status SetName(const std::string& key, const json& value, ItemNames& names
 void DropOtherGrids(const json& object, RequestOptions& options) {
   const auto gives = [&](const char* key, const char* typed) { return object.contains(key) || object.contains(typed); };
   if (gives("grid_like", "grid-like")) {
-    for (auto* other : {&options.voxel_size, &options.dims, &options.origin, &options.fit}) other->reset();
+    for (auto* other : {&options.voxel_size, &options.dims, &options.origin, &options.fit, &options.clip}) {
+      other->reset();
+    }
     options.resolution.reset();
     return;
   }
   if (gives("resolution", "resolution") || gives("voxel_size", "voxel-size")) options.grid_like.reset();
+  if (gives("clip", "clip")) {
+    for (auto* other : {&options.dims, &options.origin, &options.grid_like}) other->reset();
+  } else if (gives("dims", "dims")) {
+    options.clip.reset();
+  }
   if (gives("resolution", "resolution")) {
     options.voxel_size.reset();
     options.dims.reset();
@@ -197,6 +208,7 @@ std::string Canonical(const RequestOptions& options) {
                  {"result", options.result}};
   // Only if set, so that earlier records stay valid.
   if (options.strict) canonical["strict"] = true;
+  if (options.clip) canonical["clip"] = *options.clip;
   if (options.axes) canonical["axes"] = *options.axes;
   if (options.grid_like) canonical["grid_like"] = *options.grid_like;  // in no digest: those have its grid
   return canonical.dump(-1, ' ', true, json::error_handler_t::replace);

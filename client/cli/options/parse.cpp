@@ -240,6 +240,26 @@ absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text) {
   return dims;
 }
 
+absl::StatusOr<Box3d> ParseBox(std::string_view text) {
+  const absl::StatusOr<std::vector<double>> numbers = ParseNumbers(text, ',');
+  if (!numbers.ok()) return numbers.status();
+  const std::vector<double>& n = *numbers;
+  if (n.size() != 6) {
+    return absl::InvalidArgumentError(
+        absl::StrCat(Quoted(text), " has ", n.size(), " numbers; six expected, X0,Y0,Z0,X1,Y1,Z1"));
+  }
+  for (size_t a = 0; a < 3; ++a) {
+    if (!std::isfinite(n[a]) || !std::isfinite(n[a + 3])) {
+      return absl::InvalidArgumentError(absl::StrCat(Quoted(text), " is not finite"));
+    }
+    if (n[a] < n[a + 3]) continue;
+    return absl::InvalidArgumentError(absl::StrCat(Quoted(text), " is ", n[a] == n[a + 3] ? "empty" : "inverted",
+                                                   " along ", std::string(1, "xyz"[a]),
+                                                   ": the least corner comes first, then the greatest"));
+  }
+  return Box3d{{n[0], n[1], n[2]}, {n[3], n[4], n[5]}, false};
+}
+
 absl::StatusOr<ShaderCall> ParseShaderCall(std::string_view text) {
   const size_t colon = text.find(':');
   ShaderCall call;

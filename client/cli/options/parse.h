@@ -10,6 +10,7 @@
 
 #include "absl/status/statusor.h"
 #include "base/vec.h"
+#include "grid/grid_spec.h"
 #include "job/request.h"
 
 namespace voxelpipe::cli {
@@ -25,6 +26,9 @@ absl::StatusOr<Vec3d> ParseVoxelSize(std::string_view text);
 absl::StatusOr<Vec3d> ParsePoint(std::string_view text);
 // "X,Y,Z"; whole numbers of at least 1.
 absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text);
+
+// "X0,Y0,Z0,X1,Y1,Z1": the least and the greatest corner of a box with a volume; finite.
+absl::StatusOr<Box3d> ParseBox(std::string_view text);
 
 // "NAME" or "NAME:k=v,k=v"; a vector's numbers are separated by '/': "constant:value=0.5/0.2/1". A text parameter may
 // be given in brackets: "attribute(_HEAT)" is "attribute:name=_HEAT". Neither the name nor the parameters are checked

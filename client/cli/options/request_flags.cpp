@@ -42,6 +42,9 @@ void AddGridOptions(CLI::App& command, RequestOptions& request) {
       "The mesh's axes that become the grid's, after the vertex shader: x,z,-y turns a mesh with z up. With identity "
       "and transform")
       ->allow_extra_args(false);
+  add("--clip", request.clip, "X0,Y0,Z0,X1,Y1,Z1",
+      "The grid covers this box in place of the mesh's, by --resolution along its longest edge or by --voxel-size; "
+      "what lies outside is cut off");
   add("--fit", request.fit, "tight|cube",
       "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N, shorter axes centred");
   add("--padding", request.padding, "P", "Empty voxels on every side (default 0)");

@@ -42,6 +42,22 @@ absl::Status Choose(const char* option, const std::string& text,
   return absl::InvalidArgumentError(absl::StrCat(option, ": unknown choice '", text, "'; known are ", known));
 }
 
+// With --clip: the grid that fits the box, in place of the request for one that fits the mesh.
+absl::Status ClipGrid(const RequestOptions& options, GridRequest& grid) {
+  std::optional<Box3d> box;
+  if (absl::Status s = Read("--clip", options.clip, &ParseBox, box); !s.ok() || !box) return s;
+  if (grid.dims) {
+    return absl::InvalidArgumentError("--clip: --dims and --origin give a grid already; leave them out, or --clip");
+  }
+  const absl::StatusOr<GridSpec> fitted = FitGrid(grid, *box);
+  if (!fitted.ok()) return AtOption("--clip", fitted.status());
+  grid = GridRequest();
+  grid.dims = fitted->dims;
+  grid.origin = fitted->origin;
+  grid.voxel_size = fitted->voxel_size;
+  return absl::OkStatus();
+}
+
 absl::Status BuildGrid(const RequestOptions& options, GridRequest& grid) {
   if (absl::Status s = Read("--voxel-size", options.voxel_size, &ParseVoxelSize, grid.voxel_size); !s.ok()) return s;
   if (absl::Status s = Read("--dims", options.dims, &ParseDims, grid.dims); !s.ok()) return s;
@@ -63,7 +79,10 @@ absl::Status BuildGrid(const RequestOptions& options, GridRequest& grid) {
   grid.padding = options.padding;
   constexpr std::array<std::pair<const char*, GridFit>, 2> kFits = {
       {{"tight", GridFit::kTight}, {"cube", GridFit::kCube}}};
-  return options.fit ? Choose("--fit", *options.fit, kFits, grid.fit) : absl::OkStatus();
+  if (options.fit) {
+    if (absl::Status s = Choose("--fit", *options.fit, kFits, grid.fit); !s.ok()) return s;
+  }
+  return ClipGrid(options, grid);
 }
 
 }  // namespace
@@ -75,7 +94,8 @@ absl::StatusOr<RequestOptions> WithGridLike(RequestOptions options) {
                                                  {"--voxel-size", options.voxel_size.has_value()},
                                                  {"--dims", options.dims.has_value()},
                                                  {"--origin", options.origin.has_value()},
-                                                 {"--fit", options.fit.has_value()}};
+                                                 {"--fit", options.fit.has_value()},
+                                                 {"--clip", options.clip.has_value()}};
   for (const auto& [name, given] : others) {
     if (!given) continue;
     return absl::InvalidArgumentError(

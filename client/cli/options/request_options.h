@@ -18,6 +18,7 @@ struct RequestOptions {
   std::optional<std::string> fit{};
   std::optional<std::string> grid_like{};  // path of an earlier result
   std::optional<std::string> axes{};
+  std::optional<std::string> clip{};
   int64_t padding = 0;
   std::string coverage = "conservative";
   std::string fill = "none";

@@ -94,6 +94,59 @@ TEST_F(CliGrid, NormalsFollowTheAxesAndPointInwardsInAMirror) {
   EXPECT_EQ(normal("x,z,y", {4, 16, 8}, {1, 15, 3}), (Normal{0, -1, 0}));  // as documented: flat normals turn inwards
 }
 
+TEST_F(CliGrid, AClipIsTheGridOfItsBoxWhateverTheMesh) {
+  const json summary = VoxelizeJson({"--clip", "-1,0.5,0,1,1.5,8", "--resolution", "16"});
+  EXPECT_EQ(summary["dims"], json({4, 2, 16}));
+  EXPECT_EQ(summary["origin"], json({-1, 0.5, 0}));
+  EXPECT_EQ(summary["voxel_size"], json({0.5, 0.5, 0.5}));
+  const json by_size = VoxelizeJson({"--clip", "-1,0.5,0,1,1.5,8", "--voxel-size", "0.5,0.25,3", "--padding", "1"});
+  EXPECT_EQ(by_size["dims"], json({6, 6, 5}));  // 8 / 3 rounded up covers the box
+  EXPECT_EQ(by_size["origin"], json({-1.5, 0.25, -3}));
+  const json cube = VoxelizeJson({"--clip", "0,0,0,1,2,4", "--resolution", "8", "--fit", "cube"});
+  ExpectSamePlace(cube, VoxelizeJson({"--resolution", "8", "--fit", "cube"}));
+}
+
+TEST_F(CliGrid, AClipCutsTheVoxelsOfTheWholeMeshOut) {
+  const auto raw = [&](std::vector<std::string> options) {
+    options.insert(options.end(), {"--fill", "parity", "-o", directory_ / "out.npy"});
+    VoxelizeJson(options);
+    std::vector<uint8_t> bytes = ReadFile(directory_ / "out.npy");
+    bytes.erase(bytes.begin(), bytes.begin() + 128);  // the header
+    return bytes;
+  };
+  const std::vector<uint8_t> whole = raw({"--voxel-size", "0.25"});
+  const std::vector<uint8_t> part = raw({"--voxel-size", "0.25", "--clip", "0.5,0.5,1,1,1.5,3"});
+  ASSERT_EQ(whole.size(), 4u * 8 * 16);
+  ASSERT_EQ(part.size(), 2u * 4 * 8);
+  for (size_t k = 0; k < 8; ++k) {
+    for (size_t j = 0; j < 4; ++j) {
+      for (size_t i = 0; i < 2; ++i) {
+        EXPECT_EQ(part[i + 2 * (j + 4 * k)], whole[i + 2 + 4 * (j + 2 + 8 * (k + 4))]) << i << " " << j << " " << k;
+      }
+    }
+  }
+}
+
+TEST_F(CliGrid, AClipIsOfTheWorldBehindTheAxes) {
+  const json summary =
+      VoxelizeJson({"--axes", "x,z,-y", "--clip", "0,0,-2,1,4,0", "--voxel-size", "0.5", "--fill", "parity"});
+  EXPECT_EQ(summary["dims"], json({2, 8, 4}));
+  EXPECT_EQ(summary["occupied"], 2 * 8 * 4);
+}
+
+TEST_F(CliGrid, WrongBoxesExitWith2) {
+  ExpectRefused({"--clip", "0,0,0,1,1"}, "six expected");
+  ExpectRefused({"--clip", "0,0,0,1,1,x"}, "'x' is not a number");
+  ExpectRefused({"--clip", "0,0,0,1,1,inf"}, "not finite");
+  ExpectRefused({"--clip", "0,0,0,1,0,1"}, "empty along y");
+  ExpectRefused({"--clip", "0,0,2,1,1,1"}, "inverted along z");
+  ExpectRefused({"--clip", "0,0,0,1,1,1e9", "--voxel-size", "0.1"}, "--clip: ");
+  ExpectRefused({"--clip", "0,0,0,1,1,1", "--dims", "1,1,1", "--origin", "0,0,0", "--voxel-size", "1"}, "--dims");
+  ExpectRefused({"--clip", "0,0,0,1,1,1", "--voxel-size", "1", "--fit", "cube"}, "--fit");
+  ExpectRefused({"--clip", "0,0,0,1,1,1", "--grid-like", box_}, "leave --clip out");
+  ExpectRefused({"--clip", ""}, "--clip");
+}
+
 TEST_F(CliGrid, WrongAxesExitWith2) {
   ExpectRefused({"--axes", "x,x,y"}, "as in x,z,-y");
   ExpectRefused({"--axes", ""}, "--axes");

@@ -196,6 +196,24 @@ TEST_F(ManifestTest, AGridLikeIsSearchedBesideTheManifestAndTheDigestHoldsItsGri
   EXPECT_EQ(item(R"(,"resolution":9)")->request.grid.resolution, 9);
 }
 
+TEST_F(ManifestTest, AxesAndAClipAreOptionsOfItems) {
+  const auto item = [&](const std::string& keys) { return Items("{\"input\":\"a\"" + keys + "}")[0].request; };
+  EXPECT_EQ(item(R"(,"axes":"x,z,-y")")->request.vertex_shader.name, "transform");
+  EXPECT_NE(item(R"(,"axes":"x,z,-y")")->digest, item("")->digest);
+  const auto clipped = item(R"(,"clip":[0,0,0,1,2,4],"resolution":8)");
+  EXPECT_EQ(clipped->request.grid.dims, (std::array<int64_t, 3>{2, 4, 8}));
+  EXPECT_NE(clipped->digest, item(R"(,"resolution":8)")->digest);
+  EXPECT_THAT(Error(R"({"input":"a","clip":"0,0,0,1,1,0"})"), HasSubstr("--clip"));
+  defaults_.request.dims = "1,1,1";
+  defaults_.request.origin = "0,0,0";
+  defaults_.request.voxel_size = "0.5";
+  EXPECT_EQ(item(R"(,"clip":[0,0,0,1,2,4])")->request.grid.dims, (std::array<int64_t, 3>{2, 4, 8}));
+  defaults_.request = RequestOptions();
+  defaults_.request.clip = "0,0,0,1,1,1";
+  EXPECT_EQ(item(R"(,"dims":"1,1,3","origin":"0,0,0","voxel_size":1)")->request.grid.dims,
+            (std::array<int64_t, 3>{1, 1, 3}));
+}
+
 TEST_F(ManifestTest, StandardInputIsNoInput) {
   EXPECT_THAT(Error(R"({"input":"-"})"), HasSubstr("name a file"));
 }
