@@ -24,7 +24,7 @@ struct VoxelizeArguments {
   std::string server;
   RequestOptions request;
   int repeat = 1;
-  bool json = false, allow_outside = false;
+  bool json = false, allow_outside = false, recursive = false;
 };
 
 absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan,
@@ -73,22 +73,25 @@ int Voxelize(const VoxelizeArguments& arguments) {
   if (arguments.repeat < 1) return wrong_option(absl::InvalidArgumentError("--repeat: at least 1"));
   const absl::StatusOr<VoxelizeRequest> request = BuildRequest(arguments.request);
   if (!request.ok()) return wrong_option(request.status());
+  const absl::StatusOr<InputList> inputs = ExpandInputs(arguments.inputs, arguments.recursive);
+  if (!inputs.ok()) return wrong_option(inputs.status());
   const absl::StatusOr<std::vector<OutputPlan>> plans =
-      PlanOutputs(arguments.inputs, arguments.names, request->result, request->targets.size());
+      PlanOutputs(*inputs, arguments.names, request->result, request->targets.size());
   if (!plans.ok()) return wrong_option(plans.status());
   if (absl::Status s = CheckStreams(arguments); !s.ok()) return wrong_option(s);
   const absl::StatusOr<std::unique_ptr<Engine>> engine = MakeEngine(arguments.server);
   if (!engine.ok()) return wrong_option(engine.status());
 
   int exit_code = 0;
-  for (size_t i = 0; i < arguments.inputs.size(); ++i) {
-    const absl::Status status = VoxelizeOne(**engine, arguments.inputs[i], (*plans)[i], *request, arguments);
+  for (size_t i = 0; i < inputs->files.size(); ++i) {
+    const std::string& path = inputs->files[i].path;
+    const absl::Status status = VoxelizeOne(**engine, path, (*plans)[i], *request, arguments);
     if (const int signal = InterruptSignal(); signal != 0) {
-      PrintError(InputName(arguments.inputs[i]), StoppedReason(signal));
+      PrintError(InputName(path), StoppedReason(signal));
       return StoppedExitCode(signal);
     }
     if (status.ok()) continue;
-    PrintError(InputName(arguments.inputs[i]), status);
+    PrintError(InputName(path), status);
     exit_code = 1;  // continues with the other inputs
   }
   return exit_code;
@@ -99,14 +102,19 @@ int Voxelize(const VoxelizeArguments& arguments) {
 void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<VoxelizeArguments>();
   CLI::App* command = app.add_subcommand("voxelize", "Voxelize meshes");
-  command->add_option("IN", arguments->inputs, "Mesh files: .glb, .gltf, .drc; - is standard input")
+  command
+      ->add_option("IN", arguments->inputs,
+                   Wrapped("Mesh files: .glb, .gltf, .drc; - is standard input. Also directories, for the meshes in "
+                           "them, and quoted patterns of *, ? and ** (any directories), as in 'meshes/**/*.glb'"))
       ->required()
       ->type_name("");
+  command->add_flag("--recursive", arguments->recursive, "Also the meshes in the directories below those of IN");
   command
       ->add_option("-o,--output", arguments->names.output,
                    Wrapped("File of the result; the extension selects .npy, .npz, .raw or .png (a picture). Several "
-                           "targets into .npy or .raw: OUT.<index>.ext. With several IN a directory. - is standard "
-                           "output, with --format; the summary then goes to standard error. Without it only the "
+                           "targets into .npy or .raw: OUT.<index>.ext. With several IN a directory, which keeps the "
+                           "folders below a directory or pattern. - is standard output, with --format; the summary "
+                           "then goes to standard error. Without it only the "
                            "summary is printed"))
       ->type_name("OUT")
       ->check(RefuseEmpty);

@@ -1,7 +1,7 @@
 #include "options/output_plan.h"
 
 #include <filesystem>
-#include <set>
+#include <map>
 
 #include "absl/strings/str_cat.h"
 #include "encode/encode.h"
@@ -16,19 +16,6 @@ namespace fs = std::filesystem;
 bool NamesDirectory(const std::string& path) {
   std::error_code error;  // an unreadable path counts as no directory; writing reports the error
   return path.back() == '/' || fs::is_directory(path, error);
-}
-
-std::vector<std::string> UniqueStems(const std::vector<std::string>& inputs) {
-  std::set<std::string> taken;
-  std::vector<std::string> stems;
-  for (const std::string& input : inputs) {
-    std::string stem = IsStandardStream(input) ? "stdin" : fs::path(input).stem().string();
-    if (stem.empty()) stem = "mesh";
-    std::string name = stem;
-    for (int number = 2; !taken.insert(name).second; ++number) name = absl::StrCat(stem, "-", number);
-    stems.push_back(name);
-  }
-  return stems;
 }
 
 template <typename... Parts>
@@ -47,12 +34,12 @@ absl::Status CheckHolds(const std::string& extension, ResultKind kind) {
   return Wrong("--output: ", extension, " holds dense results; a ", std::string(Name(kind)), " one goes into .npz");
 }
 
-absl::Status CheckStandardOutputPlan(const OutputNames& names, size_t inputs, size_t targets) {
+absl::Status CheckStandardOutputPlan(const OutputNames& names, const InputList& inputs, size_t targets) {
   if (names.format.empty()) {
     return Wrong("--output: '-' is standard output; name its format by --format npy, npz, raw or png");
   }
-  if (inputs != 1) {
-    return Wrong("--output: '-' takes the result of one input, there are ", inputs, "; give a directory");
+  if (inputs.files.size() != 1 || inputs.open_ended) {
+    return Wrong("--output: '-' takes the result of one file, not of a list; give a directory");
   }
   if (targets == 1 || names.format == "npz" || names.format == "png") return absl::OkStatus();
   return Wrong("--output: ", targets, " targets are ", targets, " .", names.format,
@@ -67,17 +54,23 @@ struct Place {
   std::string OutputPlan::*member;
 };
 
-absl::Status PlanPlace(const Place& place, const std::vector<std::string>& stems, std::vector<OutputPlan>& plans) {
+absl::Status PlanPlace(const Place& place, const InputList& inputs, std::vector<OutputPlan>& plans) {
   const auto& [option, path, extension, member] = place;
   if (path.empty()) return absl::OkStatus();
   const bool picture = member == &OutputPlan::preview;
   const bool directory = NamesDirectory(path);
   const std::string given = FileExtension(path);
-  if (plans.size() > 1 && !directory && IsKnownExtension(given)) {
-    return Wrong(option, ": '", path, "' names one file, but there are ", plans.size(), " inputs; give a directory");
+  const bool list = inputs.files.size() > 1 || inputs.open_ended;
+  if (list && !directory && IsKnownExtension(given)) {
+    return Wrong(option, ": '", path, "' names one file, but there ",
+                 inputs.open_ended ? "is a directory or pattern among the inputs"
+                                   : absl::StrCat("are ", inputs.files.size(), " inputs"),
+                 "; give a directory");
   }
-  if (directory || plans.size() > 1) {
-    for (size_t i = 0; i < plans.size(); ++i) plans[i].*member = (fs::path(path) / (stems[i] + extension)).string();
+  if (directory || list) {
+    for (size_t i = 0; i < plans.size(); ++i) {
+      plans[i].*member = (fs::path(path) / (inputs.files[i].name + extension)).string();
+    }
     return absl::OkStatus();
   }
   if (!IsKnownExtension(given) || (picture && given != ".png")) {
@@ -88,24 +81,40 @@ absl::Status PlanPlace(const Place& place, const std::vector<std::string>& stems
   return absl::OkStatus();
 }
 
+// Each file is written once.
+absl::Status CheckDistinct(const InputList& inputs, const std::vector<OutputPlan>& plans) {
+  std::map<std::string, size_t> input_of;
+  for (size_t i = 0; i < plans.size(); ++i) {
+    for (const std::string& path : {plans[i].result, plans[i].preview}) {
+      if (path.empty()) continue;
+      const auto [taken, fresh] = input_of.emplace(path, i);
+      if (fresh) continue;
+      if (taken->second == i)
+        return Wrong("--preview: '", path, "' is the file of --output already; give another name");
+      return Wrong("'", inputs.files[taken->second].path, "' and '", inputs.files[i].path, "' would both become '",
+                   path, "'; run them apart, or name their common directory, which keeps folders apart");
+    }
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
-absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const OutputNames& names,
-                                                    ResultKind kind, size_t targets) {
-  std::vector<OutputPlan> plans(inputs.size());
-  const std::vector<std::string> stems = UniqueStems(inputs);
+absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, const OutputNames& names, ResultKind kind,
+                                                    size_t targets) {
+  std::vector<OutputPlan> plans(inputs.files.size());
   if (!names.format.empty() && names.output.empty()) {
     return Wrong("--format: is that of --output, which is not given");
   }
   const std::string usual = UsualExtension(names, kind);
   if (IsStandardStream(names.output)) {
-    if (absl::Status s = CheckStandardOutputPlan(names, inputs.size(), targets); !s.ok()) return s;
+    if (absl::Status s = CheckStandardOutputPlan(names, inputs, targets); !s.ok()) return s;
     plans[0].standard_output = usual;
   } else {
-    absl::Status s = PlanPlace({"--output", names.output, usual, &OutputPlan::result}, stems, plans);
+    absl::Status s = PlanPlace({"--output", names.output, usual, &OutputPlan::result}, inputs, plans);
     if (!s.ok()) return s;
   }
-  absl::Status s = PlanPlace({"--preview", names.preview, ".png", &OutputPlan::preview}, stems, plans);
+  absl::Status s = PlanPlace({"--preview", names.preview, ".png", &OutputPlan::preview}, inputs, plans);
   if (!s.ok()) return s;
   for (const OutputPlan& plan : plans) {
     if (plan.result.empty() && plan.standard_output.empty()) continue;
@@ -115,6 +124,7 @@ absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::strin
       return Wrong("--format: '", plan.result, "' is no ", names.format, "; leave --format out, or change the name");
     }
   }
+  if (absl::Status distinct = CheckDistinct(inputs, plans); !distinct.ok()) return distinct;
   return plans;
 }
 

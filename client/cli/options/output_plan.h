@@ -6,6 +6,7 @@
 
 #include "absl/status/statusor.h"
 #include "job/request.h"
+#include "options/input_list.h"
 
 namespace voxelpipe::cli {
 
@@ -21,13 +22,13 @@ struct OutputNames {
   std::string format;  // npy, npz, raw or png
 };
 
-// One plan for each input, in order. With several inputs, or if it is an existing directory or ends in '/', `output`
-// and `preview` are directories each: files there have the input's stem as name (of `format`, by default .npy for dense
-// results, .npz for others; .png for pictures), with "-2", "-3", ... appended if a name is taken. The output "-" is
-// standard output; the stem of the input "-" is "stdin". `targets`: how many the request has. Errors: INVALID_ARGUMENT
-// for an extension that cannot hold the result, for a file name where a directory is needed, for a format that is not
-// that of the file, and for standard output without a format or where it cannot hold all results.
-absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const std::vector<std::string>& inputs, const OutputNames& names,
+// One plan for each input, in order. With several inputs or an open-ended list, or if it is an existing directory or
+// ends in '/', `output` and `preview` are directories each: files there have the input's name (and the extension of
+// `format`, by default .npy for dense results, .npz for others; .png for pictures). The output "-" is standard output.
+// `targets`: how many the request has. Errors: INVALID_ARGUMENT for an extension that cannot hold the result, for a file
+// name where a directory is needed, for a format that is not that of the file, for standard output without a format or
+// where it cannot hold all results, and for two outputs of the same name.
+absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, const OutputNames& names,
                                                     ResultKind kind = ResultKind::kDense, size_t targets = 1);
 
 }  // namespace voxelpipe::cli

@@ -142,7 +142,7 @@ TEST_F(CliStreams, WhatStreamsCannotDoExitsWith2AndNamesTheNextStep) {
   ExpectRefused({box_, "-o", "-", "--format", ""}, "--format");
   ExpectRefused({box_, "--format", "npy"}, "--output, which is not given");
   ExpectRefused({box_, "-o", directory_ / "out.npy", "--format", "raw"}, "leave --format out");
-  ExpectRefused({box_, box_, "-o", "-", "--format", "npy"}, "give a directory");
+  ExpectRefused({box_, box_, "-o", "-", "--format", "npy"}, "not of a list; give a directory");
   ExpectRefused({box_, "--result", "sparse", "-o", "-", "--format", "npy"}, "npz");
   ExpectRefused({"-", "-"}, "give it once", from_box_);
   EXPECT_EQ(directory_.FileCount(), 1u);

@@ -124,8 +124,8 @@ TEST_F(CliVoxelize, PicturesAreWrittenByEitherOption) {
 
 TEST_F(CliVoxelize, SeveralInputsGiveALineAndAFileEach) {
   std::filesystem::create_directory(directory_ / "other");
-  WriteBoxGlb(directory_ / "other/box.glb", 1, 1, 1);
-  const CliOutcome outcome = RunCli({"voxelize", box_, directory_ / "missing.glb", directory_ / "other/box.glb",
+  WriteBoxGlb(directory_ / "other/cube.glb", 1, 1, 1);
+  const CliOutcome outcome = RunCli({"voxelize", box_, directory_ / "missing.glb", directory_ / "other/cube.glb",
                                      "--resolution", "8", "-o", directory_ / "results", "--json"});
   EXPECT_EQ(outcome.exit_code, 1);  // one of them failed, the others are done
   EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
@@ -135,10 +135,10 @@ TEST_F(CliVoxelize, SeveralInputsGiveALineAndAFileEach) {
   for (std::string line; std::getline(lines, line);) objects.push_back(json::parse(line));
   ASSERT_EQ(objects.size(), 2u);
   EXPECT_THAT(objects[0]["files"], ElementsAre(directory_ / "results/box.npy"));
-  EXPECT_THAT(objects[1]["files"], ElementsAre(directory_ / "results/box-2.npy"));
+  EXPECT_THAT(objects[1]["files"], ElementsAre(directory_ / "results/cube.npy"));
   EXPECT_EQ(objects[0]["dims"], json({8, 4, 4}));
   EXPECT_EQ(objects[1]["dims"], json({8, 8, 8}));
-  EXPECT_GT(ReadFile(directory_ / "results/box-2.npy").size(), 512u);
+  EXPECT_GT(ReadFile(directory_ / "results/cube.npy").size(), 512u);
 }
 
 TEST_F(CliVoxelize, SeveralInputsRefuseOneFile) {
