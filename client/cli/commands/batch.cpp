@@ -9,7 +9,7 @@
 #include "batch/leftovers.h"
 #include "batch/manifest.h"
 #include "commands/commands.h"
-#include "commands/progress_bar.h"
+#include "commands/progress_view.h"
 #include "encode/atomic_file.h"
 #include "engine/interrupt.h"
 #include "engine/report.h"
@@ -26,7 +26,7 @@ struct BatchArguments {
   std::optional<int> jobs;
   std::optional<int64_t> deadline_ms;
   int64_t busy_timeout_s = 600, lost_timeout_s = 30;
-  std::string report;
+  std::string report, progress = "auto";
   bool json = false;
 };
 
@@ -78,11 +78,11 @@ absl::Status WriteReport(const std::string& path, const std::string& text) {
   return file->Commit();
 }
 
-absl::StatusOr<BatchResult> Run(const BatchPlan& plan) {
+absl::StatusOr<BatchResult> Run(const BatchPlan& plan, const std::string& progress) {
   const absl::StatusOr<RunLock> lock = RunLock::Take(plan.output_dir, plan.shard);
   if (!lock.ok()) return lock.status();
   RemoveLeftovers(plan.output_dir, plan.items);
-  ProgressBar bar;
+  ProgressView view(progress, plan.items.size());
   BatchHooks hooks;
   // CheckServerOption has passed: an engine can be made. No retries: the item may run on another server at once.
   hooks.make_engine = [](const std::string& server) { return *MakeEngine(server, /*retries=*/0); };
@@ -93,14 +93,13 @@ absl::StatusOr<BatchResult> Run(const BatchPlan& plan) {
     PrintError("batch", absl::StrCat("no server can be reached, waiting up to ", plan.lost_timeout.count() / 1000,
                                      " s for one: ", ErrorText(status)));
   };
-  hooks.on_progress = [&](size_t ended, size_t failed) {
-    bar.Show(absl::StrCat(ended, " of ", plan.items.size(), failed > 0 ? absl::StrCat(", ", failed, " failed") : ""),
-             double(ended) / double(std::max<size_t>(1, plan.items.size())));
-  };
+  hooks.on_progress = [&](size_t ended, size_t failed) { view.ShowEnded(ended, failed); };
   hooks.on_failure = [&](const BatchItem& item, const absl::Status& status) {
     PrintError(absl::StrCat(plan.manifest, ":", item.line, ": ", item.id), status);
   };
-  return RunBatch(plan, hooks);
+  BatchResult result = RunBatch(plan, hooks);
+  view.Finish();
+  return result;
 }
 
 int Batch(BatchArguments& arguments) {
@@ -109,7 +108,7 @@ int Batch(BatchArguments& arguments) {
     PrintError("", status);
     return 2;
   }
-  const absl::StatusOr<BatchResult> result = Run(plan);
+  const absl::StatusOr<BatchResult> result = Run(plan, arguments.progress);
   if (!result.ok()) {
     PrintError("batch", result.status());
     return 1;
@@ -178,6 +177,7 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
   command->add_flag("--fail-fast", plan.fail_fast, "Start no mesh after one has failed")->group(group);
   add("--report", arguments->report, "FILE", "Write the outcome of each mesh, as JSON")->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the totals as one JSON object")->group(group);
+  AddProgressFlag(*command, arguments->progress, group);
   AddAllowOutside(*command, plan.allow_outside);
   AddRequestFlags(*command, arguments->defaults.request);
   command->callback([arguments, &exit_code] { exit_code = Batch(*arguments); });

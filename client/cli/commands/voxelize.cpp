@@ -4,7 +4,7 @@
 #include <new>
 
 #include "commands/commands.h"
-#include "commands/progress_bar.h"
+#include "commands/progress_view.h"
 #include "engine/engine.h"
 #include "engine/interrupt.h"
 #include "engine/report.h"
@@ -21,26 +21,25 @@ namespace {
 struct VoxelizeArguments {
   std::vector<std::string> inputs;
   OutputNames names;
-  std::string server;
+  std::string server, progress = "auto";
   RequestOptions request;
   int repeat = 1;
   bool json = false, allow_outside = false, recursive = false;
 };
 
 absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan,
-                         const VoxelizeRequest& request, const VoxelizeArguments& arguments) {
-  ProgressBar bar;
-  JobContext job([&bar](std::string_view stage, double fraction) { bar.Show(stage, fraction); });
+                         const VoxelizeRequest& request, const VoxelizeArguments& arguments, ProgressView& view) {
+  JobContext job([&view](std::string_view stage, double fraction) { view.Show(stage, fraction); });
   const CancelOnInterrupt cancel(job);
   try {
     absl::StatusOr<MeshInput> mesh = ReadMeshInput(input, {arguments.allow_outside, TexturesRead(request)}, job);
     if (!mesh.ok()) return mesh.status();
     VoxelizeReport report;
     report.input = input;
-    const absl::StatusOr<EngineRun> run =
-        RunToFiles(engine, *std::move(mesh), request, arguments.repeat, plan, job, report);
+    const absl::StatusOr<EngineRun> run = RunToFiles(engine, *std::move(mesh), request, arguments.repeat, plan, job,
+                                                     report, [&view](uint64_t voxels) { view.set_voxels(voxels); });
     if (!run.ok()) return run.status();
-    bar.Clear();
+    view.Clear();
     PrintWarnings(InputName(input), run->warnings);
     const std::string summary =
         arguments.json ? VoxelizeJson(*run, report).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
@@ -83,9 +82,13 @@ int Voxelize(const VoxelizeArguments& arguments) {
   if (!engine.ok()) return wrong_option(engine.status());
 
   int exit_code = 0;
+  ProgressView view(arguments.progress, inputs->files.size());
   for (size_t i = 0; i < inputs->files.size(); ++i) {
     const std::string& path = inputs->files[i].path;
-    const absl::Status status = VoxelizeOne(**engine, path, (*plans)[i], *request, arguments);
+    view.Begin(i + 1);
+    const absl::Status status = VoxelizeOne(**engine, path, (*plans)[i], *request, arguments, view);
+    view.End(!status.ok());
+    view.Clear();
     if (const int signal = InterruptSignal(); signal != 0) {
       PrintError(InputName(path), StoppedReason(signal));
       return StoppedExitCode(signal);
@@ -94,6 +97,7 @@ int Voxelize(const VoxelizeArguments& arguments) {
     PrintError(InputName(path), status);
     exit_code = 1;  // continues with the other inputs
   }
+  view.Finish();
   return exit_code;
 }
 
@@ -127,6 +131,7 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
       ->type_name("PNG")
       ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
+  AddProgressFlag(*command, arguments->progress, kExecutionGroup);
   AddAllowOutside(*command, arguments->allow_outside);
   AddRequestFlags(*command, arguments->request);
   command->add_option("--server", arguments->server, "Voxelize on this server instead of in this process")

@@ -57,11 +57,12 @@ absl::StatusOr<std::unique_ptr<ResultFile>> OpenFile(const OutputPlan& plan, con
   return OpenResultFile(plan.result, &job);
 }
 
-// Measures the time of writing a file.
+// Measures the time of writing a file, and tells of the grid.
 class TimedSink final : public ResultSink {
  public:
-  explicit TimedSink(ResultSink* next) : next_(next) {}
+  TimedSink(ResultSink* next, const OnGrid& on_grid) : next_(next), on_grid_(on_grid) {}
   absl::Status Begin(const ResultHeader& header) override {
+    if (on_grid_) on_grid_(header.grid.voxels());
     return Timed([&] { return next_->Begin(header); });
   }
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
@@ -80,19 +81,21 @@ class TimedSink final : public ResultSink {
   }
 
   ResultSink* next_;
+  const OnGrid& on_grid_;
   double milliseconds_ = 0;
 };
 
 }  // namespace
 
 absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const VoxelizeRequest& request, int repeat,
-                                     const OutputPlan& plan, JobContext& job, VoxelizeReport& report) {
+                                     const OutputPlan& plan, JobContext& job, VoxelizeReport& report,
+                                     const OnGrid& on_grid) {
   absl::StatusOr<std::unique_ptr<ResultFile>> opened = OpenFile(plan, job);
   if (!opened.ok()) return opened.status();
   const std::unique_ptr<ResultFile> file = *std::move(opened);
   const bool has_result = !plan.result.empty() || !plan.standard_output.empty();
   const bool picture = !plan.preview.empty() || (has_result && file == nullptr);
-  TimedSink timed(file.get());
+  TimedSink timed(file.get(), on_grid);
   HashingSink sink(&timed);
   VoxelizeResult whole;
   WarningList warnings = std::move(mesh.warnings);
