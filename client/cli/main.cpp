@@ -10,6 +10,7 @@
 #include "engine/interrupt.h"
 #include "engine/report.h"
 #include "options/server_access.h"
+#include "options/usage_error.h"
 
 namespace {
 
@@ -53,7 +54,7 @@ int main(int argc, char** argv) {
       app.parse(argc, argv);
     } catch (const CLI::ParseError& error) {
       if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-      PrintError("", std::string(error.what()) + "; see 'voxelpipe --help'");
+      PrintError("", UsageError(app, error));
       return 2;
     }
   } catch (const std::bad_alloc&) {

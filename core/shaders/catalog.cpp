@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
+#include "base/nearest_name.h"
 #include "shaders/shader_list.h"
 
 namespace voxelpipe {
@@ -216,6 +217,15 @@ absl::Status FillSlots(const ShaderInfo& info, const ShaderParameterInfo& parame
   return absl::OkStatus();
 }
 
+// " (did you mean 'value'? known: value)"
+std::string KnownParameters(const ShaderInfo& info, const std::string& name) {
+  std::vector<std::string> known;
+  for (const ShaderParameterInfo& parameter : info.parameters) known.push_back(parameter.name);
+  if (known.empty()) return "; it takes none";
+  const std::string nearest = DidYouMean(name, known);
+  return absl::StrCat(" (", nearest, nearest.empty() ? "" : " ", "known: ", absl::StrJoin(known, ", "), ")");
+}
+
 // The text parameters, every one of which must be given.
 absl::Status TakeText(const ShaderCall& call, BoundShader& bound) {
   for (const auto& [name, value] : call.text) {
@@ -258,8 +268,10 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
     for (const ShaderInfo& info : Catalog()) {
       if (info.stage == stage) known.push_back(info.name);
     }
-    return absl::InvalidArgumentError(absl::StrCat("there is no ", StageName(stage), " shader '", call.name,
-                                                   "' (known: ", absl::StrJoin(known, ", "), ")"));
+    const std::string nearest = DidYouMean(call.name, known);
+    return absl::InvalidArgumentError(absl::StrCat("there is no ", StageName(stage), " shader '", call.name, "' (",
+                                                   nearest, nearest.empty() ? "" : " ",
+                                                   "known: ", absl::StrJoin(known, ", "), ")"));
   }
   const int index = int(bound.info - Catalog().data());
   bound.id = stage == ShaderStage::kVertex ? index : index - CountVertexShaders();
@@ -280,7 +292,8 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
     for (const auto& [name, value] : call.parameters) {
       const auto& known = bound.info->parameters;
       if (std::none_of(known.begin(), known.end(), [&name = name](const auto& p) { return p.name == name; })) {
-        return absl::InvalidArgumentError(absl::StrCat("shader '", call.name, "' has no parameter '", name, "'"));
+        return absl::InvalidArgumentError(
+            absl::StrCat("shader '", call.name, "' has no parameter '", name, "'", KnownParameters(*bound.info, name)));
       }
     }
   }

@@ -15,6 +15,7 @@
 #include "mesh/report.h"
 #include "options/request_flags.h"
 #include "options/standard_streams.h"
+#include "options/usage_error.h"
 #include "pipeline/warnings.h"
 
 namespace voxelpipe::cli {
@@ -112,6 +113,9 @@ absl::Status Info(const InfoArguments& arguments) {
     const absl::StatusOr<MeshFacts> facts = arguments.server.empty()
                                                 ? LocalFacts(arguments.path, outside, job)
                                                 : RemoteFacts(arguments.server, arguments.path, outside, job);
+    if (absl::IsNotFound(facts.status())) {
+      return absl::NotFoundError(absl::StrCat(std::string(facts.status().message()), MissingFileHint(arguments.path)));
+    }
     return facts.ok() ? Print(arguments, *facts) : facts.status();
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");

@@ -16,7 +16,7 @@ namespace voxelpipe::cli {
 void AddProgressFlag(CLI::App& command, std::string& kind, const std::string& group);
 
 // With "auto" a line on stderr if that is a terminal, which the destructor removes; with "json" a line for each change,
-// at most ten a second within a stage. Nothing else writes to stdout. Used by one thread at a time.
+// at most ten a second within a stage. Never on stdout. Used by one thread at a time.
 class ProgressView {
  public:
   ProgressView(const std::string& kind, size_t items);

@@ -3,6 +3,7 @@
 #include <exception>
 #include <new>
 
+#include "absl/strings/str_cat.h"
 #include "commands/commands.h"
 #include "commands/progress_view.h"
 #include "engine/engine.h"
@@ -14,6 +15,7 @@
 #include "options/request_flags.h"
 #include "options/request_options.h"
 #include "options/standard_streams.h"
+#include "options/usage_error.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -33,6 +35,9 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
   const CancelOnInterrupt cancel(job);
   try {
     absl::StatusOr<MeshInput> mesh = ReadMeshInput(input, {arguments.allow_outside, TexturesRead(request)}, job);
+    if (absl::IsNotFound(mesh.status())) {
+      return absl::NotFoundError(absl::StrCat(std::string(mesh.status().message()), MissingFileHint(input)));
+    }
     if (!mesh.ok()) return mesh.status();
     VoxelizeReport report;
     report.input = input;

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "client.h"
@@ -15,11 +16,22 @@
 namespace voxelpipe::cli {
 namespace {
 
+// A server that is not there can be started; one that refuses a certificate is there.
+absl::Status WithNextStep(const std::string& target, const absl::Status& status) {
+  const std::string message(status.message());
+  if (!IsConnectError(status) || message.find("refused") == std::string::npos) return status;
+  absl::Status more(status.code(), absl::StrCat(message, "; 'voxelpiped --listen ", target, "' starts a server there"));
+  status.ForEachPayload([&](const auto& url, const absl::Cord& payload) { more.SetPayload(url, payload); });
+  return more;
+}
+
 absl::StatusOr<std::unique_ptr<Client>> ConnectTo(const std::string& target, int retries = 0) {
   absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
   if (!options.ok()) return options.status();
   options->retries = retries;
-  return Client::Connect(target, *options);
+  absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(target, *options);
+  if (client.ok()) return client;
+  return WithNextStep(target, client.status());
 }
 
 class RemoteEngine : public Engine {
@@ -153,7 +165,7 @@ absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::stri
   const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
   if (!options.ok()) return options.status();
   absl::StatusOr<MeshInspection> seen = InspectMesh(target, *options, mesh->bytes, MeshFormat::kAuto, job);
-  if (!seen.ok()) return seen.status();
+  if (!seen.ok()) return WithNextStep(target, seen.status());
   WarningList warnings = std::move(mesh->warnings);
   warnings.Append(seen->warnings);
   return MeshFacts{seen->report, std::move(seen->contents), std::move(warnings), std::move(seen->stages)};

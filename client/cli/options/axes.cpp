@@ -1,6 +1,7 @@
 #include "options/axes.h"
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -73,8 +74,9 @@ absl::StatusOr<ShaderCall> WithAxes(const ShaderCall& call, const Mat4d& axes) {
   }
   // An angular velocity is a pseudovector: a mirror turns it the other way.
   const double handedness = Determinant3(axes);
-  for (const auto& [name, factor] :
-       {std::pair{"linear_velocity", 1.0}, {"center", 1.0}, {"angular_velocity", handedness}}) {
+  const std::pair<const char*, double> motion[] = {
+      {"linear_velocity", 1}, {"center", 1}, {"angular_velocity", handedness}};
+  for (const auto& [name, factor] : motion) {
     const auto given = turned.parameters.find(name);
     if (given == turned.parameters.end()) continue;
     std::vector<double>& v = given->second;

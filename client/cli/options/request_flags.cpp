@@ -40,8 +40,7 @@ void AddGridOptions(CLI::App& command, RequestOptions& request) {
       "The grid of an earlier result: an OUT.raw.json, a summary of --json, or an .npz of this program");
   add("--axes", request.axes, "A,B,C",
       "The mesh's axes that become the grid's, after the vertex shader: x,z,-y turns a mesh with z up. With identity "
-      "and transform")
-      ->allow_extra_args(false);
+      "and transform");
   add("--clip", request.clip, "X0,Y0,Z0,X1,Y1,Z1",
       "The grid covers this box in place of the mesh's, by --resolution along its longest edge or by --voxel-size; "
       "what lies outside is cut off");

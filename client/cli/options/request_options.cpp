@@ -6,6 +6,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "absl/strings/str_join.h"
+#include "base/nearest_name.h"
 #include "options/axes.h"
 #include "options/grid_like.h"
 #include "options/parse.h"
@@ -31,15 +33,17 @@ absl::Status Read(const char* option, const std::optional<std::string>& text,
 template <typename T, size_t N>
 absl::Status Choose(const char* option, const std::string& text,
                     const std::array<std::pair<const char*, T>, N>& choices, T& value) {
-  std::string known;
+  std::vector<std::string> known;
   for (const auto& [name, choice] : choices) {
     if (text == name) {
       value = choice;
       return absl::OkStatus();
     }
-    absl::StrAppend(&known, known.empty() ? "" : ", ", name);
+    known.emplace_back(name);
   }
-  return absl::InvalidArgumentError(absl::StrCat(option, ": unknown choice '", text, "'; known are ", known));
+  const std::string nearest = DidYouMean(text, known);
+  return absl::InvalidArgumentError(absl::StrCat(option, ": unknown choice '", text, "'; ", nearest,
+                                                 nearest.empty() ? "" : " ", "known are ", absl::StrJoin(known, ", ")));
 }
 
 // With --clip: the grid that fits the box, in place of the request for one that fits the mesh.

@@ -12,6 +12,7 @@
 #include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
+#include "options/axes.h"
 #include "options/parse.h"
 
 namespace voxelpipe::fuzz {
@@ -134,6 +135,8 @@ void RunOptions(Bytes bytes) {
   static_cast<void>(cli::ParseVoxelSize(text));
   static_cast<void>(cli::ParsePoint(text));
   static_cast<void>(cli::ParseDims(text));
+  static_cast<void>(cli::ParseAxes(text));
+  static_cast<void>(cli::ParseBox(text));
   static_cast<void>(cli::ParseShaderCall(text));
   static_cast<void>(cli::ParseTarget(text, {"occupancy", {}}));
   static_cast<void>(cli::ParseShard(text));

@@ -1,0 +1,53 @@
+// Source: F. Damerau, "A Technique for Computer Detection and Correction of Spelling Errors", Communications of the ACM
+// 7(3), 1964; here each pair of bytes is swapped at most once (optimal string alignment).
+#include "base/nearest_name.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+
+#include "absl/strings/ascii.h"
+#include "absl/strings/str_cat.h"
+
+namespace voxelpipe {
+namespace {
+
+constexpr size_t kMaxNameBytes = 100;
+
+size_t Edits(std::string_view a, std::string_view b) {
+  std::array<std::array<uint8_t, kMaxNameBytes + 1>, kMaxNameBytes + 1> edits{};  // of the first i bytes to the first j
+  const auto same = [&](size_t i, size_t j) { return absl::ascii_tolower(a[i]) == absl::ascii_tolower(b[j]); };
+  for (size_t i = 0; i <= a.size(); ++i) {
+    for (size_t j = 0; j <= b.size(); ++j) {
+      if (i == 0 || j == 0) {
+        edits[i][j] = uint8_t(i + j);
+        continue;
+      }
+      int fewest =
+          std::min({edits[i - 1][j] + 1, edits[i][j - 1] + 1, edits[i - 1][j - 1] + (same(i - 1, j - 1) ? 0 : 1)});
+      const bool swapped = i > 1 && j > 1 && same(i - 1, j - 2) && same(i - 2, j - 1);
+      if (swapped) fewest = std::min(fewest, edits[i - 2][j - 2] + 1);
+      edits[i][j] = uint8_t(fewest);
+    }
+  }
+  return edits[a.size()][b.size()];
+}
+
+}  // namespace
+
+std::string DidYouMean(std::string_view name, const std::vector<std::string>& known) {
+  constexpr size_t kMostEdits = 3;
+  if (name.size() > kMaxNameBytes) return "";
+  size_t fewest = std::min(kMostEdits, (name.size() + 2) / 3) + 1;
+  const std::string* nearest = nullptr;
+  for (const std::string& candidate : known) {
+    if (candidate.size() > kMaxNameBytes) continue;
+    const size_t edits = Edits(name, candidate);
+    if (edits >= fewest) continue;
+    fewest = edits;
+    nearest = &candidate;
+  }
+  return nearest == nullptr ? "" : absl::StrCat("did you mean '", *nearest, "'?");
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,15 @@
+// What a mistyped name was meant to be.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace voxelpipe {
+
+// The first of `known` with the fewest edits (a byte inserted, removed, replaced, or two neighbours swapped; case does
+// not count) to `name`, in quotes: "did you mean 'normal'?". Empty if that takes more than a third of the name's bytes,
+// rounded up, or more than 3. Names beyond 100 bytes are near to none.
+std::string DidYouMean(std::string_view name, const std::vector<std::string>& known);
+
+}  // namespace voxelpipe

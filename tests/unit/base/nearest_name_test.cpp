@@ -1,0 +1,29 @@
+#include "base/nearest_name.h"
+
+#include "gtest/gtest.h"
+
+namespace voxelpipe {
+namespace {
+
+const std::vector<std::string> kNames = {"normal", "geometric_normal", "base_color", "uv"};
+
+TEST(NearestNameTest, FindsWhatWasMeant) {
+  EXPECT_EQ(DidYouMean("normals", kNames), "did you mean 'normal'?");
+  EXPECT_EQ(DidYouMean("nromal", kNames), "did you mean 'normal'?");
+  EXPECT_EQ(DidYouMean("Normal", kNames), "did you mean 'normal'?");
+  EXPECT_EQ(DidYouMean("base_colour", kNames), "did you mean 'base_color'?");
+  EXPECT_EQ(DidYouMean("geometric_nromals", kNames), "did you mean 'geometric_normal'?");
+  EXPECT_EQ(DidYouMean("u", kNames), "did you mean 'uv'?");
+}
+
+TEST(NearestNameTest, SaysNothingWhereNothingIsNear) {
+  EXPECT_EQ(DidYouMean("phong", kNames), "");
+  EXPECT_EQ(DidYouMean("", kNames), "");
+  EXPECT_EQ(DidYouMean("xyz", kNames), "");
+  EXPECT_EQ(DidYouMean(std::string(1000, 'u'), kNames), "");
+  EXPECT_EQ(DidYouMean("normal", {}), "");
+  EXPECT_EQ(DidYouMean("normal", {std::string(1000, 'n')}), "");
+}
+
+}  // namespace
+}  // namespace voxelpipe

@@ -1,0 +1,82 @@
+// Messages that name the next step.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "cli_runner.h"
+
+namespace voxelpipe {
+namespace {
+
+using testing::CliOutcome;
+using ::testing::HasSubstr;
+using testing::LineCount;
+using ::testing::Not;
+using testing::RunCli;
+using testing::TemporaryDirectory;
+using testing::WriteBoxGlb;
+
+class CliMessages : public ::testing::Test {
+ protected:
+  CliMessages() : box_(directory_ / "box.glb") { WriteBoxGlb(box_, 1, 1, 1); }
+
+  // What stderr says, on one line.
+  static std::string Error(const std::vector<std::string>& arguments, int exit_code) {
+    const CliOutcome outcome = RunCli(arguments);
+    EXPECT_EQ(outcome.exit_code, exit_code) << outcome.err;
+    EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
+    EXPECT_EQ(outcome.out, "");
+    return outcome.err;
+  }
+
+  TemporaryDirectory directory_;
+  std::string box_;
+};
+
+TEST_F(CliMessages, AMistypedOptionNamesTheNearestAndTheHelpOfItsCommand) {
+  EXPECT_THAT(Error({"voxelize", box_, "--resolutoin", "4"}, 2),
+              HasSubstr("(did you mean '--resolution'?); see 'voxelpipe voxelize --help'"));
+  EXPECT_THAT(Error({"voxelize", box_, "--fil=parity"}, 2), HasSubstr("did you mean '--fill'?"));
+  EXPECT_THAT(Error({"info", box_, "--jsn"}, 2), HasSubstr("did you mean '--json'?); see 'voxelpipe info --help'"));
+  EXPECT_THAT(Error({"voxelize", box_, "--wholly-unknown"}, 2), Not(HasSubstr("did you mean")));
+}
+
+TEST_F(CliMessages, AMistypedCommandNamesTheNearest) {
+  EXPECT_THAT(Error({"voxelise", box_}, 2),
+              HasSubstr("there is no command 'voxelise' (did you mean 'voxelize'?); see 'voxelpipe --help'"));
+  EXPECT_THAT(Error({}, 2), HasSubstr("see 'voxelpipe --help'"));
+}
+
+TEST_F(CliMessages, AMistypedShaderParameterOrChoiceNamesTheNearest) {
+  EXPECT_THAT(Error({"voxelize", box_, "--shader", "normals"}, 2), HasSubstr("did you mean 'normal'? known: "));
+  EXPECT_THAT(Error({"voxelize", box_, "--vertex-shader", "transfrom"}, 2), HasSubstr("did you mean 'transform'?"));
+  EXPECT_THAT(Error({"voxelize", box_, "--shader", "constant:valeu=1"}, 2), HasSubstr("did you mean 'value'?"));
+  EXPECT_THAT(Error({"voxelize", box_, "--shader", "normal:scale=1"}, 2), HasSubstr("it takes none"));
+  EXPECT_THAT(Error({"voxelize", box_, "--fill", "partiy"}, 2), HasSubstr("did you mean 'parity'? known are none"));
+}
+
+TEST_F(CliMessages, AMissingMeshNamesTheNearestFileOrTheMissingDirectory) {
+  for (const char* command : {"voxelize", "info"}) {
+    EXPECT_THAT(Error({command, directory_ / "bxo.glb"}, 1), HasSubstr("no such file (did you mean '" + box_ + "'?)"));
+    EXPECT_THAT(Error({command, directory_ / "no/box.glb"}, 1),
+                HasSubstr("there is no directory '" + directory_ / "no" + "'"));
+  }
+  const std::string far = Error({"voxelize", directory_ / "wholly-different.obj"}, 1);
+  EXPECT_THAT(far, HasSubstr("no such file"));
+  EXPECT_THAT(far, Not(HasSubstr("did you mean")));
+}
+
+#ifdef VOXELPIPE_HAVE_SERVICE
+TEST_F(CliMessages, AServerThatIsNotThereNamesHowToStartOne) {
+  for (const std::vector<std::string>& arguments :
+       {std::vector<std::string>{"voxelize", box_}, {"info", box_}, {"shaders"}, {"server-info"}}) {
+    std::vector<std::string> with_server = arguments;
+    with_server.insert(with_server.end(), {"--server", "127.0.0.1:1"});
+    EXPECT_THAT(Error(with_server, 1), HasSubstr("'voxelpiped --listen 127.0.0.1:1' starts a server there"));
+  }
+}
+#endif
+
+}  // namespace
+}  // namespace voxelpipe
