@@ -1,7 +1,6 @@
 #include "encode/png_preview.h"
 
 #include <algorithm>
-#include <array>
 #include <new>
 
 #include "absl/strings/str_cat.h"
@@ -25,16 +24,11 @@ absl::StatusOr<Picture> Draw(const VoxelizeResult& result, const PreviewOptions&
   const int column = options.width / 4;
   const PixelRect view{0, 0, options.width - column, options.height};
   if (!volume->empty()) {
-    const absl::Status status = DrawIsometric(*volume, colours, result.grid, view, options.samples, job, canvas);
+    const absl::Status status =
+        DrawView(*volume, colours, result.grid, options.view, view, options.samples, job, canvas);
     if (!status.ok()) return status;
   }
-  const int margin = std::max(2, options.width / 64);
-  const int slice_height = (options.height - 4 * margin) / 3;
-  for (int axis = 0; axis < 3; ++axis) {
-    const PixelRect rect{view.width + margin, margin + axis * (slice_height + margin), column - 2 * margin,
-                         slice_height};
-    DrawSlice(*volume, colours, result.grid, axis, rect, canvas);
-  }
+  DrawSlices(*volume, colours, result.grid, {view.width, 0, column, options.height}, canvas);
   return canvas.ToPicture();
 }
 
@@ -50,6 +44,7 @@ absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const Previe
   if (options.samples < 1 || options.samples > kMaxSamples) {
     return absl::InvalidArgumentError(absl::StrCat("preview samples ", options.samples, ": 1 to ", kMaxSamples));
   }
+  if (absl::Status status = CheckView(options.view); !status.ok()) return status;
   try {
     return Draw(result, options, job);
   } catch (const std::bad_alloc&) {

@@ -1,4 +1,4 @@
-// A picture of a result: a shaded isometric view and the three mid slices, in one PNG, without OpenGL.
+// A picture of a result: a shaded view and the three mid slices, in one PNG, without OpenGL.
 #pragma once
 
 #include <string>
@@ -7,13 +7,15 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "encode/preview/png_writer.h"
+#include "encode/preview/preview_view.h"
 #include "job/result.h"
 
 namespace voxelpipe {
 
 struct PreviewOptions {
   int width = 1280, height = 960;  // pixels, each at least 64
-  int samples = 2;                 // rays a pixel and axis (antialiasing)
+  int samples = 2;                 // rays a pixel and axis (antialiasing), where neighbouring pixels differ
+  PreviewView view{};              // the camera
 };
 
 // In: a result of any kind with at least one target. Solid voxels: in a dense result the set bits of the first bit
@@ -21,11 +23,12 @@ struct PreviewOptions {
 // result the listed voxels, with the last fragment of a bucket. Colour: the first target with 3 or 4 components as
 // linear RGB (integers over their `scale`, by default their largest value; unit vectors of the normal shaders mapped to
 // [0, 1]); otherwise the first other target that is not bits through a colour map from its smallest to its largest
-// value; otherwise one clay colour. Normals for lighting: those of a u16, u32 or f32 target of `packed_normal` (blends
-// replace, first, min, max), otherwise those of the voxels' shape. Out: the picture, sRGB; +Y is up, the viewer is at
-// +X +Y +Z. The slices are those of index n/2: x seen from +X, y from +Y, z from +Z. Time: linear in the pixels, and
-// one pass over the bits of the voxels. Errors: INVALID_ARGUMENT for options out of range or a result without targets;
-// CANCELLED; DEADLINE_EXCEEDED; RESOURCE_EXHAUSTED out of memory.
+// value other than `clear`; otherwise one clay colour. Voxels inside a solid that hold `clear` have a pale blue of
+// their own. Normals for lighting: those of a u16, u32 or f32 target of `packed_normal` (blends replace, first, min,
+// max), otherwise those of the voxels' shape. Out: the picture, sRGB, from options.view. The slices are those of index
+// n/2, as DrawSlices draws them: x seen from +X, y from +Y, z from +Z. The picture does not depend on the number of
+// threads. Time: linear in the pixels, and one pass over the bits of the voxels. Errors: INVALID_ARGUMENT for options
+// out of range or a result without targets; CANCELLED; DEADLINE_EXCEEDED; RESOURCE_EXHAUSTED out of memory.
 absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const PreviewOptions& options = {},
                                       const JobContext* job = nullptr);
 

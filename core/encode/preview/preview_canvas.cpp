@@ -1,5 +1,8 @@
 #include "encode/preview/preview_canvas.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -46,6 +49,11 @@ Vec3f FromSrgb(unsigned rgb) {
           ToLinear(float(rgb & 255) / 255)};
 }
 
+Vec3f AxisColour(int axis) {
+  static const std::array<Vec3f, 3> colours = {FromSrgb(0xc8414b), FromSrgb(0x3f9a4f), FromSrgb(0x3a6fd0)};
+  return colours[size_t(axis)];
+}
+
 void Canvas::Blend(int x, int y, Vec3f colour, float opacity) {
   if (x < 0 || y < 0 || x >= width_ || y >= height_) return;
   Vec3f& pixel = At(x, y);
@@ -82,25 +90,24 @@ void Canvas::Text(int x, int y, int dot, std::string_view text, Vec3f colour) {
 
 Picture Canvas::ToPicture() const {
   constexpr float kDither[4] = {-0.375f, 0.125f, 0.375f, -0.125f};
-  // The curve at 4096 steps: the picture has millions of values and only 256 levels.
+  // The curve at 4096 steps, finer than a tenth of a level: the picture has millions of values.
   static const auto table = [] {
     std::array<float, 4097> curve{};
     for (int i = 0; i <= 4096; ++i) curve[size_t(i)] = 255 * ToSrgb(float(i) / 4096 * (float(i) / 4096));
     return curve;
   }();
   Picture picture{width_, height_, std::vector<uint8_t>(pixels_.size() * 3)};
-  for (size_t n = 0; n < pixels_.size(); ++n) {
-    const size_t x = n % size_t(width_), y = n / size_t(width_);
-    const float dither = 0.5f + kDither[(x % 2) + 2 * (y % 2)];
-    for (int c = 0; c < 3; ++c) {
-      // Indexed by the square root, which gives the steep dark end of the curve more steps.
-      const float position = 4096 * std::sqrt(std::clamp(pixels_[n][c], 0.0f, 1.0f));
-      const int index = std::min(4095, int(position));
-      const float value =
-          table[size_t(index)] + (table[size_t(index) + 1] - table[size_t(index)]) * (position - float(index));
-      picture.rgb[3 * n + size_t(c)] = uint8_t(std::clamp(value + dither, 0.0f, 255.0f));
+  tbb::parallel_for(tbb::blocked_range<int>(0, height_, 16), [&](const auto& rows) {
+    for (size_t n = size_t(rows.begin()) * size_t(width_); n < size_t(rows.end()) * size_t(width_); ++n) {
+      const size_t x = n % size_t(width_), y = n / size_t(width_);
+      const float dither = 0.5f + kDither[(x % 2) + 2 * (y % 2)];
+      for (int c = 0; c < 3; ++c) {
+        // Indexed by the square root, which gives the steep dark end of the curve more steps.
+        const float value = table[size_t(4096 * std::sqrt(std::clamp(pixels_[n][c], 0.0f, 1.0f)) + 0.5f)];
+        picture.rgb[3 * n + size_t(c)] = uint8_t(std::clamp(value + dither, 0.0f, 255.0f));
+      }
     }
-  }
+  });
   return picture;
 }
 

@@ -12,6 +12,14 @@ namespace voxelpipe {
 // Linear red, green, blue of an sRGB colour written as 0xRRGGBB.
 Vec3f FromSrgb(unsigned rgb);
 
+// The colour of an axis, 0 = x: red, green, blue.
+Vec3f AxisColour(int axis);
+
+// A rectangle of the canvas, pixels.
+struct PixelRect {
+  int x = 0, y = 0, width = 0, height = 0;
+};
+
 class Canvas {
  public:
   Canvas(int width, int height, Vec3f colour) : width_(width), height_(height) {

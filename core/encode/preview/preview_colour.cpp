@@ -48,7 +48,13 @@ bool HoldsPackedNormals(const TargetSpec& spec, ResultKind kind) {
 
 }  // namespace
 
-PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume) : items_(result) {
+Vec3f InsideColour() {
+  static const Vec3f colour = FromSrgb(0xb4c2d0);
+  return colour;
+}
+
+PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume)
+    : volume_(volume), items_(result) {
   int chosen = -1;
   for (size_t i = 0; i < result.specs.size(); ++i) {
     const TargetSpec& spec = result.specs[i];
@@ -68,6 +74,9 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   const TargetSpec& spec = result.specs[size_t(chosen)];
   values_ = TargetValues(result, size_t(chosen), items_.count());
   unit_ = UnitOf(spec);
+  components_ = spec.components;
+  const uint32_t cell = NumberToCell(spec.clear, spec.format);
+  clear_ = IsInteger(spec.format) ? float(cell) : FloatOf(cell);
   srgb_ = spec.encoding == Encoding::kSrgb;
   if (spec.components < 3 || !(unit_ > 0)) {
     FindRange(result, volume);
@@ -84,7 +93,7 @@ void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   const auto include = [this](Range& found, uint64_t item) {
     const float value = values_.At(item, 0);
-    if (std::isfinite(value)) found = {std::min(found.first, value), std::max(found.second, value)};
+    if (std::isfinite(value) && !IsClear(item)) found = {std::min(found.first, value), std::max(found.second, value)};
   };
   const auto join = [](const Range& a, const Range& b) {
     return Range{std::min(a.first, b.first), std::max(a.second, b.second)};
@@ -120,12 +129,20 @@ void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume
   high_ = range.second;
 }
 
+bool PreviewColours::IsClear(uint64_t item) const {
+  for (int c = 0; c < components_; ++c) {
+    if (values_.At(item, c) != clear_) return false;
+  }
+  return true;
+}
+
 Vec3f PreviewColours::At(uint64_t n) const {
   static const Vec3f clay = FromSrgb(0x5f95c4), pale = FromSrgb(0xc9c3b8);
   // A pale surface shows normals best by its shading.
   if (kind_ == Kind::kPlain) return has_normals_ ? pale : clay;
   const uint64_t item = items_.Find(n);
   if (item == PreviewItems::kNone) return clay;
+  if (IsClear(item) && volume_.Enclosed(n)) return InsideColour();
   if (kind_ == Kind::kScalar) return Viridis((values_.At(item, 0) - low_) / (high_ - low_));
   Vec3f colour;
   for (int c = 0; c < 3; ++c) {

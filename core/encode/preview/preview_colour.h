@@ -11,12 +11,16 @@
 
 namespace voxelpipe {
 
-// The rules are at RenderPreview. Borrows the result, which must outlive it.
+// The colour of the inside of a solid, linear RGB.
+Vec3f InsideColour();
+
+// The rules are at RenderPreview. Borrows the result and the volume, which must outlive it.
 class PreviewColours {
  public:
   PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume);
 
-  // Linear RGB in [0, 1] of voxel n of the linear order.
+  // Linear RGB in [0, 1] of solid voxel n of the linear order. InsideColour() for a voxel inside a solid (all six
+  // neighbours are solid) that holds `clear`, as fills leave it for shaders that need a triangle.
   Vec3f At(uint64_t n) const;
   // True if the result has normals for lighting.
   bool has_normals() const { return has_normals_; }
@@ -26,15 +30,20 @@ class PreviewColours {
  private:
   enum class Kind { kPlain, kLinearRgb, kUnitVector, kScalar };
 
+  // True if the chosen target holds `clear` in every component of the item.
+  bool IsClear(uint64_t item) const;
   void FindRange(const VoxelizeResult& result, const PreviewVolume& volume);
 
+  const PreviewVolume& volume_;
   PreviewItems items_;
   Kind kind_ = Kind::kPlain;
   TargetValues values_, normals_;
   bool has_normals_ = false;
   float unit_ = 1;            // the stored value of 1 of a colour
   bool srgb_ = false;         // the values are codes of Encoding::kSrgb
-  float low_ = 0, high_ = 0;  // range of a scalar over the solid voxels
+  int components_ = 1;        // of `values_`
+  float clear_ = 0;           // the stored value of voxels without fragments
+  float low_ = 0, high_ = 0;  // range of a scalar over the solid voxels that are not clear
 };
 
 }  // namespace voxelpipe

@@ -3,16 +3,17 @@
 
 #include "encode/preview/preview_canvas.h"
 #include "encode/preview/preview_colour.h"
-#include "encode/preview/preview_shade.h"
 #include "encode/preview/preview_volume.h"
 #include "grid/grid_spec.h"
 
 namespace voxelpipe {
 
-// Draws the slice of index dims[axis]/2 across `axis` into `rect` with its caption: x seen from +X, y from +Y, z from
-// +Z; for x and z +Y is up, for y -Z is up. A pixel smaller than a voxel shows the voxel, a larger one the average of
-// those it covers.
-void DrawSlice(const PreviewVolume& volume, const PreviewColours& colours, const GridSpec& grid, int axis,
-               const PixelRect& rect, Canvas& canvas);
+// Draws the slices of index dims/2 across x, y and z below each other into `column`: x seen from +X, y from +Y, z from
+// +Z; for x and z +Y is up, for y -Z is up. Each has a caption ("x = 64") and two arrows along its edges, which point
+// along the grid's axes and have their letter and their range in index space: 0 and the number of voxels. A pixel
+// smaller than a voxel shows the voxel, a larger one the average of those it covers. The paper is white, or, where that
+// hides the voxels, the one of three tones that they stand out from best.
+void DrawSlices(const PreviewVolume& volume, const PreviewColours& colours, const GridSpec& grid,
+                const PixelRect& column, Canvas& canvas);
 
 }  // namespace voxelpipe

@@ -4,6 +4,7 @@
 #include "encode/preview/preview_volume.h"
 
 #include <tbb/blocked_range.h>
+#include <tbb/blocked_range2d.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -20,7 +21,8 @@
 namespace voxelpipe {
 namespace {
 
-constexpr uint64_t kMaxCells = uint64_t{1} << 22;
+// The cells are walked a few times; more of them make shorter steps in a picture of a million rays, but longer walks.
+constexpr uint64_t kMaxCells = uint64_t{1} << 20;
 
 constexpr uint64_t kMaxOwnBits = uint64_t{1} << 34;  // 2 GiB
 
@@ -31,9 +33,24 @@ void SetNotClear(const VoxelizeResult& result, size_t target, std::vector<uint8_
   const TargetValues values(result, target, voxels);
   const uint32_t cell = NumberToCell(spec.clear, spec.format);
   const float clear = IsInteger(spec.format) ? float(cell) : FloatOf(cell);
+  // Eight voxels that hold the very bits of `clear` are passed over at once: most of a grid is empty.
+  const auto element = uint64_t(BitsPerComponent(spec.format) / 8), components = uint64_t(spec.components);
+  const uint64_t planes = result.layout == Layout::kPlanar ? components : 1;
+  const uint64_t run = 8 * element * components / planes;  // bytes of eight voxels in a plane
+  std::vector<uint8_t> all_clear(run);
+  const uint32_t stored = StoredBits(cell, spec.format);
+  for (uint64_t at = 0; at < run; at += element) std::memcpy(&all_clear[at], &stored, element);  // little endian
+  const auto is_clear = [&](uint64_t byte) {
+    for (uint64_t plane = 0; plane < planes; ++plane) {
+      const uint8_t* const first = result.targets[target].data() + plane * voxels * element + byte * run;
+      if (std::memcmp(first, all_clear.data(), run) != 0) return false;
+    }
+    return !std::isnan(clear);  // which differs from itself
+  };
   tbb::parallel_for(tbb::blocked_range<uint64_t>(0, bits.size(), 1 << 14), [&](const auto& range) {
     for (uint64_t byte = range.begin(); byte < range.end(); ++byte) {
       const uint64_t end = std::min(voxels, 8 * byte + 8);
+      if (end == 8 * byte + 8 && is_clear(byte)) continue;
       for (uint64_t n = 8 * byte; n < end; ++n) {
         for (int c = 0; c < spec.components; ++c) {
           if (values.At(n, c) != clear) {
@@ -111,7 +128,11 @@ uint32_t PreviewVolume::Row(int64_t i, int64_t j, int64_t k, int count) const {
   const int taken = int(std::min<int64_t>(count - skipped, dims_[0] - first));
   const uint64_t bit = Linear(first, j, k);
   uint64_t word = 0;
-  std::memcpy(&word, bits_.data() + bit / 8, std::min<uint64_t>(8, bits_.size() - bit / 8));
+  if (bit / 8 + sizeof(word) <= bits_.size()) {
+    std::memcpy(&word, bits_.data() + bit / 8, sizeof(word));  // of a constant size: one load
+  } else {
+    std::memcpy(&word, bits_.data() + bit / 8, bits_.size() - bit / 8);
+  }
   return uint32_t(((word >> (bit % 8)) & ((uint64_t{1} << taken) - 1)) << skipped);
 }
 
@@ -159,7 +180,7 @@ absl::Status PreviewVolume::CountCells(const JobContext* job) {
         }
         uint8_t* row = &base.density[size_t(base.dims[0] * (cy + base.dims[1] * cz))];
         for (int64_t cx = 0; cx < base.dims[0]; ++cx) {
-          row[cx] = uint8_t(std::ceil(255.0 * double(count[size_t(cx)]) / cell_voxels));
+          if (count[size_t(cx)] != 0) row[cx] = uint8_t(std::ceil(255.0 * double(count[size_t(cx)]) / cell_voxels));
         }
       }
     }
@@ -175,26 +196,36 @@ absl::Status PreviewVolume::CountCells(const JobContext* job) {
 }
 
 void PreviewVolume::BuildDistances() {
-  // Exact Chebyshev distance in one forward and one backward sweep over the 26 neighbours.
+  // Exact Chebyshev distance in one forward and one backward sweep over the 26 neighbours. The 12 neighbours of other
+  // rows are joined a row at a time, in loops that compilers vectorize.
   const Level& base = levels_[0];
   const int64_t nx = base.dims[0], ny = base.dims[1], nz = base.dims[2];  // clang 14 cannot capture bindings
   distance_.resize(base.density.size());
   for (size_t n = 0; n < distance_.size(); ++n) distance_[n] = base.density[n] != 0 ? 0 : 255;
+  const auto further = [](uint8_t distance) { return uint8_t(std::min<uint8_t>(distance, 254) + 1); };
+  std::vector<uint8_t> nearest(size_t(nx) + 2);  // of the rows before; a border of one cell at either end
   const auto sweep = [&](int direction) {
-    const size_t total = distance_.size();
-    for (size_t step = 0; step < total; ++step) {
-      const size_t n = direction > 0 ? step : total - 1 - step;
-      int best = distance_[n];
-      if (best == 0) continue;
-      const int64_t x = int64_t(n) % nx, y = int64_t(n) / nx % ny, z = int64_t(n) / nx / ny;
-      for (int neighbour = 0; neighbour < 13; ++neighbour) {  // the 13 that precede it in the order of the sweep
-        const int64_t i = x + direction * (neighbour % 3 - 1);
-        const int64_t j = y + direction * (neighbour / 3 % 3 - 1);
-        const int64_t k = z + direction * (neighbour / 9 - 1);
-        if (i < 0 || j < 0 || k < 0 || i >= nx || j >= ny || k >= nz) continue;
-        best = std::min(best, distance_[size_t(i + nx * (j + ny * k))] + 1);
+    const auto join = [&](int64_t j, int64_t k) {
+      if (j < 0 || k < 0 || j >= ny || k >= nz) return;
+      const uint8_t* const row = &distance_[size_t(nx * (j + ny * k))];
+      for (int64_t x = 0; x < nx; ++x) nearest[size_t(x) + 1] = std::min(nearest[size_t(x) + 1], row[x]);
+    };
+    for (int64_t step = 0; step < ny * nz; ++step) {
+      const int64_t line = direction > 0 ? step : ny * nz - 1 - step;
+      const int64_t y = line % ny, z = line / ny;
+      std::fill(nearest.begin(), nearest.end(), uint8_t{255});
+      join(y - direction, z);
+      for (int64_t j = y - 1; j <= y + 1; ++j) join(j, z - direction);
+      uint8_t* const row = &distance_[size_t(nx * line)];
+      const uint8_t* const around = nearest.data();
+      for (int64_t x = 0; x < nx; ++x) {
+        row[x] = std::min(row[x], further(std::min(std::min(around[x], around[x + 1]), around[x + 2])));
       }
-      distance_[n] = uint8_t(best);
+      if (direction > 0) {
+        for (int64_t x = 1; x < nx; ++x) row[x] = std::min(row[x], further(row[x - 1]));
+      } else {
+        for (int64_t x = nx - 2; x >= 0; --x) row[x] = std::min(row[x], further(row[x + 1]));
+      }
     }
   };
   sweep(1);
@@ -207,34 +238,41 @@ void PreviewVolume::BuildLevels() {
     Level coarse;
     for (int a = 0; a < 3; ++a) coarse.dims[a] = (fine.dims[a] + 1) / 2;
     coarse.density.resize(size_t(coarse.dims[0] * coarse.dims[1] * coarse.dims[2]));
-    for (int64_t z = 0; z < coarse.dims[2]; ++z) {
-      for (int64_t y = 0; y < coarse.dims[1]; ++y) {
-        for (int64_t x = 0; x < coarse.dims[0]; ++x) {
-          int sum = 0;
-          for (int child = 0; child < 8; ++child) {
-            const int64_t i = 2 * x + child % 2, j = 2 * y + child / 2 % 2, k = 2 * z + child / 4;
-            if (i >= fine.dims[0] || j >= fine.dims[1] || k >= fine.dims[2]) continue;
-            sum += fine.density[size_t(i + fine.dims[0] * (j + fine.dims[1] * k))];
+    tbb::parallel_for(
+        tbb::blocked_range2d<int64_t>(0, coarse.dims[2], 1, 0, coarse.dims[1], 64), [&](const auto& part) {
+          for (int64_t z = part.rows().begin(); z < part.rows().end(); ++z) {
+            for (int64_t y = part.cols().begin(); y < part.cols().end(); ++y) {
+              for (int64_t x = 0; x < coarse.dims[0]; ++x) {
+                int sum = 0;
+                for (int child = 0; child < 8; ++child) {
+                  const int64_t i = 2 * x + child % 2, j = 2 * y + child / 2 % 2, k = 2 * z + child / 4;
+                  if (i >= fine.dims[0] || j >= fine.dims[1] || k >= fine.dims[2]) continue;
+                  sum += fine.density[size_t(i + fine.dims[0] * (j + fine.dims[1] * k))];
+                }
+                coarse.density[size_t(x + coarse.dims[0] * (y + coarse.dims[1] * z))] = uint8_t((sum + 7) / 8);
+              }
+            }
           }
-          coarse.density[size_t(x + coarse.dims[0] * (y + coarse.dims[1] * z))] = uint8_t((sum + 7) / 8);
-        }
-      }
-    }
+        });
     levels_.push_back(std::move(coarse));
   }
 }
 
 PreviewHit PreviewVolume::Trace(const Vec3d& origin, const Vec3d& direction, double t_min, double t_max) const {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
   PreviewHit hit;
-  Vec3d inverse;
+  std::array<double, 3> from, along, inverse;
   for (int a = 0; a < 3; ++a) {
-    if (std::abs(direction[a]) < 1e-12) {
-      if (origin[a] < double(lo_[a]) || origin[a] > double(hi_[a])) return hit;
-      inverse[a] = std::numeric_limits<double>::infinity();
+    const auto at = size_t(a);
+    from[at] = origin[a];
+    along[at] = direction[a];
+    if (std::abs(along[at]) < 1e-12) {
+      if (from[at] < double(lo_[at]) || from[at] > double(hi_[at])) return hit;
+      inverse[at] = kInfinity;
       continue;
     }
-    inverse[a] = 1 / direction[a];
-    double near = (double(lo_[a]) - origin[a]) * inverse[a], far = (double(hi_[a]) - origin[a]) * inverse[a];
+    inverse[at] = 1 / along[at];
+    double near = (double(lo_[at]) - from[at]) * inverse[at], far = (double(hi_[at]) - from[at]) * inverse[at];
     if (near > far) std::swap(near, far);
     if (near > t_min) {
       t_min = near;
@@ -242,49 +280,56 @@ PreviewHit PreviewVolume::Trace(const Vec3d& origin, const Vec3d& direction, dou
     }
     t_max = std::min(t_max, far);
   }
-  constexpr double kNudge = 1e-7;  // past the border of a box, so that the floor falls inside the next one
+  constexpr double kNudge = 1e-7;  // past the border of a box, so that the truncation falls inside the next one
   const Level& base = levels_[0];
+  const std::array<int64_t, 3> stride{1, dims_[0], dims_[0] * dims_[1]};
+  const uint8_t* const bits = bits_.data();
   double t = t_min;
   while (t < t_max) {
     std::array<int64_t, 3> voxel, cell;
     const double inside = t + kNudge * (1 + std::abs(t));
-    for (int a = 0; a < 3; ++a) {
-      const double p = origin[a] + direction[a] * inside;
-      voxel[a] = std::clamp<int64_t>(int64_t(std::floor(p)), 0, dims_[a] - 1);
+    for (size_t a = 0; a < 3; ++a) {
+      voxel[a] = std::clamp<int64_t>(int64_t(from[a] + along[a] * inside), 0, dims_[a] - 1);
       cell[a] = voxel[a] >> cell_shift_;
     }
-    const int distance = distance_[size_t(cell[0] + base.dims[0] * (cell[1] + base.dims[1] * cell[2]))];
+    const int64_t distance = distance_[size_t(cell[0] + base.dims[0] * (cell[1] + base.dims[1] * cell[2]))];
     // The parameter at which the ray leaves the box of cells [low, high) and the axis through which it does.
-    double exit = std::numeric_limits<double>::infinity();
+    double exit = kInfinity;
     int exit_axis = 0;
-    const int64_t reach = std::max(distance, 1);
-    for (int a = 0; a < 3; ++a) {
-      if (std::isinf(inverse[a])) continue;
-      const int64_t border = direction[a] > 0 ? (cell[a] + reach) * cell_ : (cell[a] - reach + 1) * cell_;
-      const double at = (double(border) - origin[a]) * inverse[a];
+    const int64_t reach = std::max<int64_t>(distance, 1);
+    for (size_t a = 0; a < 3; ++a) {
+      if (inverse[a] == kInfinity) continue;
+      const int64_t border = (along[a] > 0 ? cell[a] + reach : cell[a] - reach + 1) << cell_shift_;
+      const double at = (double(border) - from[a]) * inverse[a];
       if (at < exit) {
         exit = at;
-        exit_axis = a;
+        exit_axis = int(a);
       }
     }
     if (distance == 0) {
-      Vec3d next;
-      for (int a = 0; a < 3; ++a) {
-        next[a] = std::isinf(inverse[a]) ? std::numeric_limits<double>::infinity()
-                                         : (double(voxel[a] + (direction[a] > 0 ? 1 : 0)) - origin[a]) * inverse[a];
+      std::array<double, 3> next;
+      std::array<int64_t, 3> left, step;  // voxels of the cell from here on; the next one in the linear order
+      uint64_t n = Linear(voxel[0], voxel[1], voxel[2]);
+      for (size_t a = 0; a < 3; ++a) {
+        const bool ahead = along[a] > 0;
+        next[a] = inverse[a] == kInfinity ? kInfinity : (double(voxel[a] + (ahead ? 1 : 0)) - from[a]) * inverse[a];
+        const int64_t low = cell[a] << cell_shift_;
+        left[a] = ahead ? std::min(low + cell_, dims_[a]) - voxel[a] : voxel[a] - low + 1;
+        step[a] = ahead ? stride[a] : -stride[a];
       }
       while (true) {
-        if (Solid(voxel[0], voxel[1], voxel[2])) {
+        if (bits[n / 8] >> (n % 8) & 1) {
+          const auto nx = uint64_t(dims_[0]), ny = uint64_t(dims_[1]);
           hit.hit = t <= t_max;
-          hit.voxel = voxel;
+          hit.voxel = {int64_t(n % nx), int64_t(n / nx % ny), int64_t(n / nx / ny)};
           hit.t = t;
           return hit;
         }
-        const int a = next.x < next.y ? (next.x < next.z ? 0 : 2) : (next.y < next.z ? 1 : 2);
-        voxel[a] += direction[a] > 0 ? 1 : -1;
-        if (voxel[a] < 0 || voxel[a] >= dims_[a] || voxel[a] >> cell_shift_ != cell[a]) break;
+        const size_t a = next[0] < next[1] ? (next[0] < next[2] ? 0 : 2) : (next[1] < next[2] ? 1 : 2);
+        if (--left[a] == 0) break;
+        n += uint64_t(step[a]);
         t = std::max(t, next[a]);
-        hit.axis = a;
+        hit.axis = int(a);
         next[a] += std::abs(inverse[a]);
       }
     }
