@@ -293,6 +293,7 @@ class Run {
     OutputPlan files;
     files.result = (fs::path(plan_.output_dir) / item.output).string();
     if (!item.preview.empty()) files.preview = (fs::path(plan_.output_dir) / item.preview).string();
+    files.view = item.view;
     VoxelizeReport made;
     const absl::StatusOr<EngineRun> run =
         RunToFiles(engine, std::move(prepared.mesh), item.request->request, 1, files, job, made);

@@ -19,6 +19,8 @@ using nlohmann::ordered_json;
 
 // Incremented when the files of an unchanged request change, so that they are written again.
 constexpr int kFormatVersion = 1;
+// The same for pictures alone.
+constexpr int kPictureVersion = 2;
 
 absl::StatusOr<DoneRecord> Parse(std::istream& in) {
   DoneRecord record;
@@ -47,9 +49,12 @@ absl::StatusOr<DoneRecord> Parse(std::istream& in) {
 }  // namespace
 
 absl::StatusOr<std::string> ItemKey(const BatchItem& item, const std::string& input_sha256) {
-  const std::string text =
-      absl::StrCat("voxelpipe batch ", kFormatVersion, "\n", item.request->digest, "\n", input_sha256, "\n",
-                   item.output, "\n", item.preview, "\n", FileExtension(item.output) == ".raw" ? "described\n" : "");
+  const bool picture = !item.preview.empty() || FileExtension(item.output) == ".png";
+  const std::string view =
+      picture ? absl::StrCat("picture ", kPictureVersion, " ", item.view.azimuth, " ", item.view.elevation, "\n") : "";
+  const std::string text = absl::StrCat("voxelpipe batch ", kFormatVersion, "\n", item.request->digest, "\n",
+                                        input_sha256, "\n", item.output, "\n", item.preview, "\n",
+                                        FileExtension(item.output) == ".raw" ? "described\n" : "", view);
   return Sha256Hex({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
 }
 

@@ -65,7 +65,7 @@ absl::StatusOr<std::vector<std::string>> AsTexts(const std::string& key, const j
 
 // The fields of an item besides its request.
 struct ItemNames {
-  std::optional<std::string> id{}, input{}, output{}, format{}, preview{};
+  std::optional<std::string> id{}, input{}, output{}, format{}, preview{}, view{};
 };
 
 // Sets one option of the request; false if there is none of this name.
@@ -119,8 +119,8 @@ absl::StatusOr<bool> SetOption(const std::string& key, const json& value, Reques
 
 absl::Status SetName(const std::string& key, const json& value, ItemNames& names) {
   const std::map<std::string, std::optional<std::string>*> known = {
-      {"id", &names.id},         {"name", &names.id},       {"input", &names.input},
-      {"output", &names.output}, {"format", &names.format}, {"preview", &names.preview}};
+      {"id", &names.id},         {"name", &names.id},         {"input", &names.input}, {"output", &names.output},
+      {"format", &names.format}, {"preview", &names.preview}, {"view", &names.view}};
   const auto found = known.find(key);
   if (found == known.end()) return Wrong("unknown key '", key, "'");
   if (!value.is_string() && !(found->second == &names.id && value.is_number_integer())) {
@@ -257,6 +257,7 @@ class Reader {
         return Wrong("'preview': '", *names.preview, "': the extension must be .png");
       item.preview = *std::move(preview);
     }
+    if (absl::Status s = ChooseView(names, item); !s.ok()) return s;
     if (absl::Status s = Claim(item, names.id.has_value()); !s.ok()) return s;
     items_.push_back(std::move(item));
     return absl::OkStatus();
@@ -303,6 +304,17 @@ class Reader {
       return Wrong("'", key, "': ", std::string(s.message()));
     item.output = *std::move(output);
     item.id = names.id ? *names.id : item.output.substr(0, item.output.size() - FileExtension(item.output).size());
+    return absl::OkStatus();
+  }
+
+  absl::Status ChooseView(const ItemNames& names, BatchItem& item) const {
+    const bool picture = !item.preview.empty() || FileExtension(item.output) == ".png";
+    if (names.view && !picture) return Wrong("'view': there is no picture; give a 'preview'");
+    const std::optional<std::string>& text = names.view ? names.view : defaults_.view;
+    if (!text || !picture) return absl::OkStatus();
+    const absl::StatusOr<PreviewView> view = ParseView(*text);
+    if (!view.ok()) return Wrong("'view': ", std::string(view.status().message()));
+    item.view = *view;
     return absl::OkStatus();
   }
 

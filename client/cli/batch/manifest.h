@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "encode/preview/preview_view.h"
 #include "job/request.h"
 #include "options/request_options.h"
 
@@ -37,6 +38,7 @@ struct BatchItem {
   std::string input;                            // path of the mesh file
   std::string output;                           // of the result, relative to the output directory, '/' between parts
   std::string preview;                          // of the picture, relative in the same way; empty = none
+  PreviewView view;                             // the camera of its pictures
   std::shared_ptr<const BatchRequest> request;  // shared by items with the same options
 };
 
@@ -47,6 +49,7 @@ struct Manifest {
 struct ManifestDefaults {
   RequestOptions request;             // for options that an item does not give
   std::optional<std::string> format;  // npy, npz, raw or png; absent: .npy for dense results, .npz for others
+  std::optional<std::string> view;    // for items with pictures, as ParseView takes it; absent: its default
 };
 
 // In: the path of a manifest. Each line is an object, or blank. Its keys, all optional but `input`:
@@ -56,12 +59,13 @@ struct ManifestDefaults {
 //            extension of the format
 //   format   npy, npz, raw or png
 //   preview  file of a picture below the output directory
+//   view     the camera of the item's pictures, as ParseView takes it
 // and any option of `voxelpipe voxelize` about the grid, the voxels and the execution, without its dashes ("voxel_size"
 // or "voxel-size"): numbers, texts, or lists of them; "target" is a text or a list. A grid of an item replaces that of
 // the defaults. The file of a "grid_like" is searched like an input; digests hold its grid, not its name. Errors:
-// INVALID_ARGUMENT "FILE:LINE: what is wrong" for the first line at fault: no JSON, an unknown key, a wrong option, an
-// extension that cannot hold the result, a file outside the output directory, or two items with one id or one file.
-// NOT_FOUND and the system's errors if the manifest cannot be read.
+// INVALID_ARGUMENT "FILE:LINE: what is wrong" for the first line at fault: no JSON, an unknown key, a wrong option, a
+// view without a picture, an extension that cannot hold the result, a file outside the output directory, or two items
+// with one id or one file. NOT_FOUND and the system's errors if the manifest cannot be read.
 absl::StatusOr<Manifest> ReadManifest(const std::string& path, const ManifestDefaults& defaults);
 
 }  // namespace voxelpipe::cli

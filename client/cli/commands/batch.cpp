@@ -11,6 +11,7 @@
 #include "commands/commands.h"
 #include "commands/progress_view.h"
 #include "encode/atomic_file.h"
+#include "encode/preview/preview_view.h"
 #include "engine/interrupt.h"
 #include "engine/report.h"
 #include "engine/server_option.h"
@@ -50,6 +51,9 @@ absl::Status Prepare(BatchArguments& arguments) {
   }
   // Errors in the defaults are not those of the manifest.
   if (const auto request = BuildRequest(arguments.defaults.request); !request.ok()) return request.status();
+  if (const auto& view = arguments.defaults.view; view && !ParseView(*view).ok()) {
+    return absl::InvalidArgumentError(absl::StrCat("--view: ", std::string(ParseView(*view).status().message())));
+  }
   if (arguments.shard) {
     const absl::StatusOr<Shard> shard = ParseShard(*arguments.shard);
     if (!shard.ok()) return shard.status();
@@ -148,7 +152,7 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
   command
       ->add_option("MANIFEST", plan.manifest,
                    Wrapped("JSON lines, an object a mesh: \"input\", optionally \"id\", \"output\", \"format\", "
-                           "\"preview\" and any option below without its dashes"))
+                           "\"preview\", \"view\" and any option below without its dashes"))
       ->required()
       ->type_name("")
       ->check(RefuseEmpty);
@@ -156,6 +160,9 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
   add("--format", arguments->defaults.format, "npy|npz|raw|png",
       "Of outputs that name none (default npy; npz for lists)")
       ->check(CLI::IsMember({"npy", "npz", "raw", "png"}));
+  add("--view", arguments->defaults.view, "VIEW",
+      "Camera of pictures: iso (default), front, back, left, right, top, bottom, or AZIMUTH,ELEVATION in degrees")
+      ->check(RefuseEmpty);
   add("--jobs", arguments->jobs, "N", "Meshes at the same time (default: up to 4; with servers 4 for each)");
   add("--shard", arguments->shard, "i/n", "Only every n-th mesh, from the i-th on; i from 0 to n-1, n/n is 0/n");
   command

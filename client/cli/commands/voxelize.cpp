@@ -135,6 +135,12 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   command->add_option("--preview", arguments->names.preview, "Also write a picture: a shaded view and three slices")
       ->type_name("PNG")
       ->check(RefuseEmpty);
+  command
+      ->add_option("--view", arguments->names.view,
+                   Wrapped("Camera of pictures: iso (default), front, back, left, right, top, bottom, or "
+                           "AZIMUTH,ELEVATION in degrees, from +Z towards +X and above the horizon"))
+      ->type_name("VIEW")
+      ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
   AddProgressFlag(*command, arguments->progress, kExecutionGroup);
   AddAllowOutside(*command, arguments->allow_outside);

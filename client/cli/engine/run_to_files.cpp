@@ -20,8 +20,9 @@ void MakeDirectories(const std::string& path) {
   if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
 }
 
-absl::Status WritePictureToStandardOutput(const VoxelizeResult& result, const JobContext& job) {
-  const absl::StatusOr<Picture> picture = RenderPreview(result, {}, &job);
+absl::Status WritePictureToStandardOutput(const VoxelizeResult& result, const PreviewOptions& options,
+                                          const JobContext& job) {
+  const absl::StatusOr<Picture> picture = RenderPreview(result, options, &job);
   if (!picture.ok()) return picture.status();
   const absl::StatusOr<std::vector<uint8_t>> png = EncodePng(*picture);
   if (!png.ok()) return png.status();
@@ -33,17 +34,19 @@ absl::Status WritePictureToStandardOutput(const VoxelizeResult& result, const Jo
 
 absl::Status WritePictures(const VoxelizeResult& result, const OutputPlan& plan, JobContext& job,
                            VoxelizeReport& report) {
+  PreviewOptions options;
+  options.view = plan.view;
   for (const std::string& path : {plan.result, plan.preview}) {
     if (path.empty() || FileExtension(path) != ".png") continue;
     job.Report("encode", 0.5);
     MakeDirectories(path);
-    if (absl::Status status = WriteResult(result, path, &job); !status.ok()) return status;
+    if (absl::Status status = WritePreview(result, path, options, &job); !status.ok()) return status;
     report.files.push_back(path);
   }
   if (plan.standard_output != ".png") return absl::OkStatus();
   job.Report("encode", 0.5);
   report.files.emplace_back("-");
-  return WritePictureToStandardOutput(result, job);
+  return WritePictureToStandardOutput(result, options, job);
 }
 
 // Null if the plan has no file but pictures.

@@ -125,6 +125,15 @@ absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, con
     }
   }
   if (absl::Status distinct = CheckDistinct(inputs, plans); !distinct.ok()) return distinct;
+  if (names.view.empty()) return plans;
+  const absl::StatusOr<PreviewView> camera = ParseView(names.view);
+  if (!camera.ok()) return Wrong("--view: ", std::string(camera.status().message()));
+  for (OutputPlan& plan : plans) {
+    if (plan.preview.empty() && FileExtension(plan.result) != ".png" && plan.standard_output != ".png") {
+      return Wrong("--view: there is no picture; give --preview or -o OUT.png");
+    }
+    plan.view = *camera;
+  }
   return plans;
 }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "encode/preview/preview_view.h"
 #include "job/request.h"
 #include "options/input_list.h"
 
@@ -14,12 +15,14 @@ struct OutputPlan {
   std::string result;           // path for WriteResult, empty = none
   std::string preview;          // path of the picture, empty = none
   std::string standard_output;  // extension of the format in which the result goes there, empty = it does not
+  PreviewView view{};           // the camera of pictures
 };
 
 // What was typed; empty if not given.
 struct OutputNames {
   std::string output, preview;
   std::string format;  // npy, npz, raw or png
+  std::string view{};  // of every picture
 };
 
 // One plan for each input, in order. With several inputs or an open-ended list, or if it is an existing directory or
@@ -27,7 +30,7 @@ struct OutputNames {
 // `format`, by default .npy for dense results, .npz for others; .png for pictures). The output "-" is standard output.
 // `targets`: how many the request has. Errors: INVALID_ARGUMENT for an extension that cannot hold the result, for a file
 // name where a directory is needed, for a format that is not that of the file, for standard output without a format or
-// where it cannot hold all results, and for two outputs of the same name.
+// where it cannot hold all results, for two outputs of the same name, and for a view that is none or has no picture.
 absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, const OutputNames& names,
                                                     ResultKind kind = ResultKind::kDense, size_t targets = 1);
 

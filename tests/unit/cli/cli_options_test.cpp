@@ -83,6 +83,10 @@ TEST_F(CliOptions, WrongOptionsExitWith2AndOneLine) {
       {"--preview", directory_ / "out.npy"},
       {"-o", ""},
       {"--preview", ""},
+      {"--preview", directory_ / "out.png", "--view", "sideways"},
+      {"--preview", directory_ / "out.png", "--view", "0,91"},
+      {"--view", "front"},
+      {"-o", directory_ / "out.npy", "--view", "front"},
       {"--server", ""},
   };
   for (const std::vector<std::string>& options : wrong) {

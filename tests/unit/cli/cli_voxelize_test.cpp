@@ -101,9 +101,8 @@ TEST_F(CliVoxelize, SeveralTargetsGetNumberedFiles) {
                                      "f32x3:replace:shader=constant,value=0.5/0.25/2", "-o", directory_ / "out.raw",
                                      "--preview", directory_ / "look.png"});
   EXPECT_EQ(summary["bytes"], 16 + 128 * 12);
-  EXPECT_THAT(summary["files"],
-              ElementsAre(directory_ / "out.0.raw", directory_ / "out.1.raw", directory_ / "out.raw.json",
-                          directory_ / "look.png"));
+  EXPECT_THAT(summary["files"], ElementsAre(directory_ / "out.0.raw", directory_ / "out.1.raw",
+                                            directory_ / "out.raw.json", directory_ / "look.png"));
   EXPECT_EQ(ReadFile(directory_ / "out.0.raw").size(), 16u);
   const std::vector<uint8_t> floats = ReadFile(directory_ / "out.1.raw");
   ASSERT_EQ(floats.size(), 128u * 12);
@@ -120,6 +119,20 @@ TEST_F(CliVoxelize, PicturesAreWrittenByEitherOption) {
   EXPECT_GT(picture.size(), 1000u);
   EXPECT_EQ(std::string(picture.begin(), picture.begin() + 8), "\x89PNG\r\n\x1a\n");
   EXPECT_EQ(picture, ReadFile(directory_ / "b.png"));
+}
+
+TEST_F(CliVoxelize, PicturesAreTakenFromTheViewThatIsGiven) {
+  const auto picture = [&](const std::vector<std::string>& options, const std::string& name) {
+    std::vector<std::string> all = {"--resolution", "8"};
+    all.insert(all.end(), options.begin(), options.end());
+    VoxelizeJson(all);
+    return ReadFile(directory_ / name);
+  };
+  const auto usual = picture({"--preview", directory_ / "a.png"}, "a.png");
+  EXPECT_EQ(picture({"--preview", directory_ / "b.png", "--view", "iso"}, "b.png"), usual);
+  const auto front = picture({"--preview", directory_ / "c.png", "--view", "front"}, "c.png");
+  EXPECT_NE(front, usual);
+  EXPECT_EQ(picture({"-o", directory_ / "d.png", "--view", "0,0"}, "d.png"), front);
 }
 
 TEST_F(CliVoxelize, SeveralInputsGiveALineAndAFileEach) {

@@ -56,6 +56,17 @@ TEST_F(ManifestTest, AnInputAloneIsEnough) {
   EXPECT_EQ(items[0].request, items[1].request);  // kept once
 }
 
+TEST_F(ManifestTest, AnItemsViewReplacesTheDefaultOfPictures) {
+  defaults_.view = "top";
+  const std::vector<BatchItem> items = Items(
+      "{\"input\":\"a\",\"preview\":\"a.png\",\"view\":\"front\"}\n{\"input\":\"b\",\"output\":\"b.png\"}\n"
+      "{\"input\":\"c\"}");
+  ASSERT_EQ(items.size(), 3u);
+  EXPECT_EQ(items[0].view, (PreviewView{0, 0}));
+  EXPECT_EQ(items[1].view, (PreviewView{0, 90}));
+  EXPECT_EQ(items[2].view, PreviewView());  // without a picture
+}
+
 TEST_F(ManifestTest, TakesEveryOptionByItsName) {
   const BatchItem item = Items(
       R"({"input":"a.glb","id":7,"voxel-size":[0.5,0.25,1],"dims":"4,5,6","origin":[-1,0,2.5],"padding":2,)"
@@ -134,6 +145,8 @@ TEST_F(ManifestTest, OutputsThatCannotBeAreErrors) {
   EXPECT_THAT(Error(R"({"input":"a","format":"npy","result":"sparse"})"), HasSubstr(".npz"));
   EXPECT_THAT(Error(R"({"input":"a","output":"x.npy","format":"raw"})"), HasSubstr("differ"));
   EXPECT_THAT(Error(R"({"input":"a","preview":"x.npy"})"), HasSubstr(".png"));
+  EXPECT_THAT(Error(R"({"input":"a","preview":"x.png","view":"sideways"})"), HasSubstr("'view': 'sideways'"));
+  EXPECT_THAT(Error(R"({"input":"a","view":"front"})"), HasSubstr("no picture"));
   for (const char* outside : {"/x.npy", "../x.npy", "a/../../x.npy"}) {
     EXPECT_THAT(Error(std::string(R"({"input":"a","output":")") + outside + "\"}"), HasSubstr("below the output"));
   }
