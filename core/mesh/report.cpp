@@ -3,47 +3,21 @@
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
-#include <numeric>
 #include <vector>
 
 #include "base/memory_budget.h"
+#include "mesh/weld.h"
 
 namespace voxelpipe {
 namespace {
 
-bool Before(const Vec3d& a, const Vec3d& b) {
-  if (a.x != b.x) return a.x < b.x;
-  if (a.y != b.y) return a.y < b.y;
-  return a.z < b.z;  // -0 == +0 in every comparison
-}
-
-// Per vertex the id of its position; equal positions have the same id.
-std::vector<uint32_t> Weld(const std::vector<Vec3d>& positions) {
-  std::vector<uint32_t> order(positions.size());
-  std::iota(order.begin(), order.end(), 0u);
-  tbb::parallel_sort(order.begin(), order.end(),
-                     [&](uint32_t a, uint32_t b) { return Before(positions[a], positions[b]); });
-  std::vector<uint32_t> id(positions.size());
-  uint32_t next = 0;
-  for (size_t i = 0; i < order.size(); ++i) {
-    if (i > 0 && !(positions[order[i]] == positions[order[i - 1]])) ++next;
-    id[order[i]] = next;
-  }
-  return id;
-}
-
-bool IsDegenerate(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-  const Vec3d n = Cross(b - a, c - a);
-  return n.x == 0 && n.y == 0 && n.z == 0;
-}
-
 // `memory` may be null.
 absl::StatusOr<uint64_t> CountOpenEdgesFor(const JobContext& job, MemoryBudget* memory, const TriangleMesh& mesh) {
   MemoryCharge charge(memory);
-  const uint64_t bytes = mesh.positions.size() * 2 * sizeof(uint32_t) + mesh.triangles.size() * 3 * sizeof(uint64_t);
+  const uint64_t bytes = mesh.positions.size() * kWeldBytes + mesh.triangles.size() * 3 * sizeof(uint64_t);
   if (absl::Status full = charge.Grow(bytes, "looking for open edges"); !full.ok()) return full;
   if (absl::Status over = job.Check(); !over.ok()) return over;
-  const std::vector<uint32_t> id = Weld(mesh.positions);
+  const std::vector<uint32_t> id = Weld(mesh.positions).id;
   if (absl::Status over = job.Check(); !over.ok()) return over;
   constexpr uint64_t kNoEdge = UINT64_MAX;
   std::vector<uint64_t> edges(mesh.triangles.size() * 3);
@@ -71,9 +45,7 @@ absl::StatusOr<MeshReport> Report(const JobContext& job, MemoryBudget* memory, c
   if (!open_edges.ok()) return open_edges.status();
   MeshReport report = BoxReport(mesh);
   report.open_edges = *open_edges;
-  for (const auto& t : mesh.triangles) {
-    report.degenerate_triangles += IsDegenerate(mesh.positions[t[0]], mesh.positions[t[1]], mesh.positions[t[2]]);
-  }
+  report.degenerate_triangles = CountDegenerateTriangles(mesh);
   return report;
 }
 
@@ -82,6 +54,16 @@ absl::StatusOr<MeshReport> Report(const JobContext& job, MemoryBudget* memory, c
 uint64_t CountOpenEdges(const TriangleMesh& mesh) {
   const JobContext endless;
   return *CountOpenEdgesFor(endless, nullptr, mesh);
+}
+
+uint64_t CountDegenerateTriangles(const TriangleMesh& mesh) {
+  uint64_t count = 0;
+  for (const auto& t : mesh.triangles) {
+    const Vec3d& a = mesh.positions[t[0]];
+    const Vec3d n = Cross(mesh.positions[t[1]] - a, mesh.positions[t[2]] - a);
+    count += n.x == 0 && n.y == 0 && n.z == 0;
+  }
+  return count;
 }
 
 MeshReport ReportMesh(const TriangleMesh& mesh) {

@@ -21,6 +21,9 @@ struct MeshReport {
 // A degenerate edge (both ends equal after welding) is no edge. O(n log n) time, 8 bytes an edge and 8 a vertex.
 uint64_t CountOpenEdges(const TriangleMesh& mesh);
 
+// Number of triangles of zero area in world space (exactly collinear or with equal corners). O(triangles).
+uint64_t CountDegenerateTriangles(const TriangleMesh& mesh);
+
 MeshReport ReportMesh(const TriangleMesh& mesh);
 // The same for a job that may end; its scratch memory is charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED; the
 // job's, at most one sort after it ended.

@@ -15,7 +15,7 @@ MAX_FILES = 25  # a folder; CMakeLists.txt and documents are not counted
 # From the ground up: a room includes itself and rooms before it.
 FLOORS = """
 core/base/checksum core/base core/grid core/raster core/raster/filtered core/job
-core/mesh/scene core/mesh core/mesh/views
+core/mesh/scene core/mesh core/mesh/health core/mesh/views
 core/shaders/texture core/shaders/interface core/shaders/fragment core/shaders/vertex core/shaders
 core/load/decode core/load/gltf/document core/load/gltf/geometry core/load/gltf core/load
 core/pipeline/plan core/pipeline/stages

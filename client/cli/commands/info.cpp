@@ -7,11 +7,13 @@
 #include "absl/strings/str_format.h"
 #include "commands/commands.h"
 #include "engine/engine.h"
+#include "engine/health_report.h"
 #include "engine/interrupt.h"
 #include "engine/report.h"
 #include "engine/server_option.h"
 #include "load/decode/image.h"
 #include "mesh/contents.h"
+#include "mesh/health/health.h"
 #include "mesh/report.h"
 #include "options/request_flags.h"
 #include "options/standard_streams.h"
@@ -37,6 +39,8 @@ nlohmann::ordered_json InfoJson(const std::string& path, const MeshFacts& facts)
   json["open_edges"] = report.open_edges;
   json["min"] = {report.min.x, report.min.y, report.min.z};
   json["max"] = {report.max.x, report.max.y, report.max.z};
+  const Vec3d size = report.max - report.min;
+  json["size"] = {size.x, size.y, size.z};
   json["format"] = contents.format;
   json["bytes"] = contents.file_bytes;
   json["nodes"] = contents.nodes;
@@ -49,6 +53,7 @@ nlohmann::ordered_json InfoJson(const std::string& path, const MeshFacts& facts)
   for (const MeshContents::Attribute& attribute : contents.attributes) {
     json["attributes"].push_back({{"name", attribute.name}, {"components", attribute.components}});
   }
+  json["health"] = facts.health ? HealthJson(*facts.health, path) : nlohmann::ordered_json(nullptr);
   AddWarnings(facts.warnings, json);
   json["stages"] = nlohmann::ordered_json::object();
   for (const auto& [stage, ms] : facts.stages) json["stages"][stage] = ms;
@@ -70,6 +75,13 @@ std::string InfoTable(const std::string& path, const MeshFacts& facts) {
       WithCommas(report.open_edges) + (report.open_edges == 0 && report.triangles > 0 ? " (closed)" : ""));
   row("box", absl::StrFormat("%.6g %.6g %.6g to %.6g %.6g %.6g", report.min.x, report.min.y, report.min.z, report.max.x,
                              report.max.y, report.max.z));
+  const Vec3d size = report.max - report.min;
+  // The unit of glTF; a bare Draco stream says nothing about its own.
+  row("size",
+      absl::StrFormat("%.6g x %.6g x %.6g%s", size.x, size.y, size.z, contents.format == "drc" ? "" : " metres"));
+  if (facts.health) {
+    for (const auto& [name, text] : HealthRows(*facts.health, path)) row(name.c_str(), text);
+  }
   row("format", absl::StrCat(contents.format, ", ", HumanBytes(contents.file_bytes)));
   row("scene", absl::StrCat(contents.nodes, " nodes, ", contents.meshes, " meshes, ", contents.parts, " parts, ",
                             contents.materials, " materials, ", contents.images, " images"));
@@ -99,10 +111,16 @@ absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const OutsideFiles
   if (!loaded.ok()) return loaded.status();
   CheckImages(loaded->mesh);
   warnings.Append(AllWarningsOf(loaded->mesh));
-  return MeshFacts{ReportMesh(loaded->mesh),
+  const absl::StatusOr<MeshHealth> health = CheckHealth(job, loaded->mesh);
+  if (!health.ok()) return health.status();
+  MeshReport report = BoxReport(loaded->mesh);
+  report.degenerate_triangles = health->degenerate_triangles;
+  report.open_edges = health->edges.open;
+  return MeshFacts{report,
                    std::move(loaded->contents),
                    std::move(warnings),
-                   {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}}};
+                   {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}},
+                   *health};
 }
 
 absl::Status Info(const InfoArguments& arguments) {
@@ -128,11 +146,13 @@ absl::Status Info(const InfoArguments& arguments) {
 
 void AddInfoCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<InfoArguments>();
-  CLI::App* command = app.add_subcommand("info", "Describe a mesh file");
+  CLI::App* command = app.add_subcommand("info", "Describe a mesh file: contents, health, and the fill that suits it");
   command->add_option("FILE", arguments->path, "Mesh file: .glb, .gltf, .drc; - is standard input")
       ->required()
       ->type_name("");
-  command->add_option("--server", arguments->server, "Let this server inspect the file")
+  command
+      ->add_option("--server", arguments->server,
+                   "Let this server inspect the file; the health is checked without it only")
       ->type_name("HOST:PORT")
       ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print one JSON object");

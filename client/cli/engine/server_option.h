@@ -13,6 +13,7 @@
 #include "base/job_context.h"
 #include "engine/engine.h"
 #include "mesh/contents.h"
+#include "mesh/health/health.h"
 #include "mesh/report.h"
 
 namespace voxelpipe::cli {
@@ -23,6 +24,7 @@ struct MeshFacts {
   MeshContents contents;
   WarningList warnings;                                // including those of all its textures
   std::vector<std::pair<std::string, double>> stages;  // load and flatten, milliseconds
+  std::optional<MeshHealth> health{};                  // absent from a server
 };
 
 // UNIMPLEMENTED if a server is named and this build has no service.
