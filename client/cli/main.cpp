@@ -38,6 +38,7 @@ int main(int argc, char** argv) {
         "3 only permanent errors of a batch are left, which another run repeats.");
     AddVoxelizeCommand(app, exit_code);
     AddInfoCommand(app, exit_code);
+    AddCompareCommand(app, exit_code);
     AddShadersCommand(app, exit_code);
     AddServerInfoCommand(app, exit_code);
     AddBatchCommand(app, exit_code);

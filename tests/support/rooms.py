@@ -24,10 +24,11 @@ core/pipeline
 core/cuda/device core/cuda/primitives core/cuda/plan core/cuda/run core/cuda/vertex core/cuda/traversal
 core/cuda/occupancy core/cuda/coverage core/cuda/shading core/cuda/scatter core/cuda/a_buffer
 core/cuda/sparse core/cuda/fill core/cuda/targets core/cuda/batch core/cuda
-core/encode/preview core/encode core
+core/encode/preview core/encode core/encode/read core
 proto/wire
 client/cpp/reply client/cpp client/cpp/example client/python/core
-client/cli/options client/cli/engine client/cli/batch client/cli/bench client/cli/commands client/cli
+client/cli/options client/cli/engine client/cli/batch client/cli/bench client/cli/compare
+client/cli/commands client/cli
 server/observe server/access server/options server/isolate server/meshes
 server/schedule server/jobs server/run server/results server/reply server/state server/calls server
 """.split()

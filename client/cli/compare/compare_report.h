@@ -1,0 +1,18 @@
+// The output of `voxelpipe compare`.
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "compare/comparison.h"
+
+namespace voxelpipe::cli {
+
+// The object of --json. Numbers that JSON cannot hold are null.
+nlohmann::ordered_json ComparisonJson(const StoredResult& a, const StoredResult& b, double tolerance,
+                                      const Comparison& comparison);
+// The same as a short table.
+std::string ComparisonTable(const StoredResult& a, const StoredResult& b, double tolerance,
+                            const Comparison& comparison);
+
+}  // namespace voxelpipe::cli
