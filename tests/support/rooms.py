@@ -28,7 +28,7 @@ core/encode/preview core/encode core/encode/read core
 proto/wire
 client/cpp/reply client/cpp client/cpp/example client/python/core
 client/cli/options client/cli/engine client/cli/batch client/cli/bench client/cli/compare
-client/cli/commands client/cli
+client/cli/completion client/cli/commands client/cli
 server/observe server/access server/options server/isolate server/meshes
 server/schedule server/jobs server/run server/results server/reply server/state server/calls server
 """.split()

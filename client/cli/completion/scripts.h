@@ -1,0 +1,17 @@
+// Scripts that complete the command line in a shell, made of the program's own options.
+#pragma once
+
+#include <string>
+
+#include "completion/command_model.h"
+
+namespace voxelpipe::cli {
+
+// For `source <(voxelpipe completion bash)` and for bash-completion's directory. Needs bash 4, nothing else.
+std::string BashCompletion(const ProgramModel& program);
+// For `source <(voxelpipe completion zsh)` after compinit, and as the file _voxelpipe on fpath.
+std::string ZshCompletion(const ProgramModel& program);
+// For `voxelpipe completion fish | source`, and for vendor_completions.d.
+std::string FishCompletion(const ProgramModel& program);
+
+}  // namespace voxelpipe::cli
