@@ -44,6 +44,7 @@ int main(int argc, char** argv) {
     AddBatchCommand(app, exit_code);
     AddBenchCommand(app, exit_code);
     AddCompletionCommand(app, exit_code);
+    AddManualCommand(app, exit_code);
     AddServerAccessFlags(app);
     RefuseEmptyValues(app);
     // gRPC's own log lines repeat our error line as C structures; set the variable to see them.

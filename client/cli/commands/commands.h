@@ -17,6 +17,7 @@ void AddBenchCommand(CLI::App& app, int& exit_code);
 void AddCompareCommand(CLI::App& app, int& exit_code);
 // These read `app` when they run: all commands are there then.
 void AddCompletionCommand(CLI::App& app, int& exit_code);
+void AddManualCommand(CLI::App& app, int& exit_code);
 void AddVoxelizeCommand(CLI::App& app, int& exit_code);
 void AddInfoCommand(CLI::App& app, int& exit_code);
 void AddShadersCommand(CLI::App& app, int& exit_code);

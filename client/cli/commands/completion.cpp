@@ -34,4 +34,9 @@ void AddCompletionCommand(CLI::App& app, int& exit_code) {
   });
 }
 
+void AddManualCommand(CLI::App& app, int& exit_code) {
+  CLI::App* command = app.add_subcommand("manual", "Print the manual page: voxelpipe manual | man -l -");
+  command->callback([&app, &exit_code] { exit_code = Print(ManualPage(ModelOf(app), VOXELPIPE_VERSION)); });
+}
+
 }  // namespace voxelpipe::cli

@@ -1,4 +1,4 @@
-// Scripts that complete the command line in a shell, made of the program's own options.
+// Scripts that complete the command line in a shell, and the manual page: all made of the program's own options.
 #pragma once
 
 #include <string>
@@ -13,5 +13,8 @@ std::string BashCompletion(const ProgramModel& program);
 std::string ZshCompletion(const ProgramModel& program);
 // For `voxelpipe completion fish | source`, and for vendor_completions.d.
 std::string FishCompletion(const ProgramModel& program);
+
+// The page in man(7)'s macros. In: the version of the program.
+std::string ManualPage(const ProgramModel& program, const std::string& version);
 
 }  // namespace voxelpipe::cli
