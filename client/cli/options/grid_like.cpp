@@ -1,16 +1,13 @@
-// Sources: PKWARE, "APPNOTE.TXT - .ZIP File Format Specification", version 6.3.10 (local file headers); "NEP 1: A Simple
-// File Format for NumPy Arrays", R. Kern, 2007.
 #include "options/grid_like.h"
 
 #include <cmath>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <map>
 #include <nlohmann/json.hpp>
-#include <vector>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/strip.h"
+#include "encode/read/stored_result.h"
 #include "load/local_file.h"
 
 namespace voxelpipe::cli {
@@ -35,70 +32,13 @@ absl::StatusOr<GridPlace> Checked(const GridPlace& place) {
   return place;
 }
 
-// Three little-endian numbers of an .npy with this type, or nothing.
-template <typename T>
-bool ReadThree(const std::string& npy, const char* descr, T (&values)[3]) {
-  constexpr size_t kShortHeader = 10;  // magic, version 1.0, length of the dictionary
-  if (npy.size() < kShortHeader + sizeof values || npy.compare(0, 8, std::string("\x93NUMPY\x01\0", 8)) != 0)
-    return false;
-  const size_t length = uint8_t(npy[8]) + (size_t{uint8_t(npy[9])} << 8);
-  if (npy.size() != kShortHeader + length + sizeof values) return false;
-  const std::string dictionary = npy.substr(kShortHeader, length);
-  const bool fits = dictionary.find(absl::StrCat("'descr': '", descr, "'")) != std::string::npos &&
-                    dictionary.find("'shape': (3,)") != std::string::npos;
-  if (fits) std::memcpy(values, npy.data() + kShortHeader + length, sizeof values);
-  return fits;
-}
-
-// The small arrays among the entries of a ZIP archive, by name, up to the first entry that does not tell its size.
-std::map<std::string, std::string> SmallEntries(std::istream& in) {
-  constexpr size_t kHeaderBytes = 30, kMaxKeptBytes = 4096;
-  std::map<std::string, std::string> entries;
-  std::string header(kHeaderBytes, '\0');
-  const auto number = [](const std::string& bytes, size_t at, size_t count) {
-    uint64_t value = 0;
-    for (size_t i = 0; i < count; ++i) value |= uint64_t{uint8_t(bytes[at + i])} << (8 * i);
-    return value;
-  };
-  while (in.read(header.data(), std::streamsize(kHeaderBytes)) && number(header, 0, 4) == 0x04034b50) {
-    std::string name(number(header, 26, 2), '\0'), extra(number(header, 28, 2), '\0');
-    in.read(name.data(), std::streamsize(name.size()));
-    in.read(extra.data(), std::streamsize(extra.size()));
-    uint64_t bytes = number(header, 18, 4);
-    const bool zip64 = bytes == 0xffffffff;
-    if (zip64) {
-      if (extra.size() < 20 || number(extra, 0, 2) != 1) break;
-      bytes = number(extra, 12, 8);
-    }
-    const uint64_t method = number(header, 8, 2), descriptor = (number(header, 6, 2) & 8) != 0 ? (zip64 ? 24 : 16) : 0;
-    if (method != 0 || bytes > uint64_t(INT64_MAX) / 2) break;  // compressed: not ours
-    if (bytes <= kMaxKeptBytes) {
-      std::string data(bytes, '\0');
-      if (!in.read(data.data(), std::streamsize(bytes))) break;
-      entries[name] = std::move(data);
-      in.seekg(std::streamoff(descriptor), std::ios::cur);
-    } else {
-      in.seekg(std::streamoff(bytes + descriptor), std::ios::cur);
-    }
-  }
-  return entries;
-}
-
 absl::StatusOr<GridPlace> PlaceOfNpz(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  const std::map<std::string, std::string> entries = SmallEntries(in);
-  const auto entry = [&](const char* name) {
-    const auto found = entries.find(name);
-    return found == entries.end() ? std::string() : found->second;
-  };
-  int64_t dims[3];
-  double origin[3], voxel_size[3];
-  if (!ReadThree(entry("dims.npy"), "<i8", dims) || !ReadThree(entry("origin.npy"), "<f8", origin) ||
-      !ReadThree(entry("voxel_size.npy"), "<f8", voxel_size)) {
-    return Wrong("the archive lacks dims, origin or voxel_size as voxelpipe writes them", kWhere);
+  const absl::StatusOr<StoredResult> stored = OpenResult(path);
+  if (!stored.ok()) {  // the caller names the path
+    return absl::Status(stored.status().code(), absl::StripPrefix(stored.status().message(), absl::StrCat(path, ": ")));
   }
-  return Checked(
-      {{dims[0], dims[1], dims[2]}, {origin[0], origin[1], origin[2]}, {voxel_size[0], voxel_size[1], voxel_size[2]}});
+  if (!stored->place) return Wrong("the archive lacks origin or voxel_size", kWhere);
+  return Checked({stored->dims, stored->place->origin, stored->place->voxel_size});
 }
 
 absl::StatusOr<GridPlace> PlaceOfJson(const std::string& text) {

@@ -87,16 +87,14 @@ TEST_F(GridLike, AFileWithoutAPlaceIsAnErrorThatNamesFilesWithOne) {
   EXPECT_THAT(Error(directory_.path().string()), HasSubstr("not a regular file"));
 }
 
-TEST_F(GridLike, EveryCutOfAnNpzIsAnErrorOrTheWholePlace) {
+TEST_F(GridLike, EveryCutOfAnNpzIsAnError) {
   ASSERT_TRUE(WriteResult(Result(), directory_ / "out.npz").ok());
   const std::vector<uint8_t> whole = testing::ReadFile(directory_ / "out.npz");
-  size_t places = 0;
   for (size_t size = 0; size < whole.size(); size += 7) {
-    const std::string path = Write(std::string(whole.begin(), whole.begin() + std::ptrdiff_t(size)));
-    places += ReadGridPlace(path).ok();
+    const std::string path = directory_ / "cut.npz";
+    std::ofstream(path, std::ios::binary).write(reinterpret_cast<const char*>(whole.data()), std::streamsize(size));
+    EXPECT_FALSE(ReadGridPlace(path).ok()) << size;
   }
-  EXPECT_GT(places, 0u);
-  EXPECT_LT(places, whole.size() / 7);
 }
 
 TEST_F(GridLike, OtherWaysToAGridAreRefusedBesideIt) {
