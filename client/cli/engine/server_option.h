@@ -30,8 +30,8 @@ struct MeshFacts {
 // UNIMPLEMENTED if a server is named and this build has no service.
 absl::Status CheckServerOption(const std::string& server);
 
-// The engine for a server, or the core in this process if `server` is empty. `retries`: how often a call is repeated that
-// the server refused for a while. Errors: those of CheckServerOption.
+// The engine for a server, or the core in this process if `server` is empty. `retries`: how often a call is repeated
+// that the server refused for a while. Errors: those of CheckServerOption.
 absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server, int retries = 2);
 
 // The server's report on the mesh file at `path`.
