@@ -43,7 +43,9 @@ std::string DidYouMean(std::string_view name, const std::vector<std::string>& kn
   for (const std::string& candidate : known) {
     if (candidate.size() > kMaxNameBytes) continue;
     const size_t edits = Edits(name, candidate);
-    if (edits >= fewest) continue;
+    // Of equally near names the one that was cut short, "fil" for "fill" before "fit".
+    const bool begun = edits == fewest && nearest != nullptr && candidate.starts_with(name);
+    if (edits >= fewest && !begun) continue;
     fewest = edits;
     nearest = &candidate;
   }

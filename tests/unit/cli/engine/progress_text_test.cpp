@@ -37,7 +37,7 @@ TEST(ProgressText, ALineOfAListHasItemRateAndTimeLeft) {
   EXPECT_EQ(ProgressLine(List(1, 4, 2000), 80), "[#####...............]  25 %  1 of 4, 0.5 items/s, 6 s left, load");
   ProgressState state = List(10, 100, 60000);
   state.failed = 2;
-  EXPECT_THAT(ProgressLine(state, 80), HasSubstr("10 of 100, 2 failed, 0.167 items/s, 9 min 00 s left"));
+  EXPECT_THAT(ProgressLine(state, 90), HasSubstr("10 of 100, 2 failed, 0.167 items/s, 9 min 00 s left"));
   EXPECT_THAT(ProgressLine(List(1, 1000, 36000), 80), HasSubstr("9 h 59 min left"));
 }
 
