@@ -35,21 +35,26 @@ size_t Edits(std::string_view a, std::string_view b) {
 
 }  // namespace
 
-std::string DidYouMean(std::string_view name, const std::vector<std::string>& known) {
+std::string NearestName(std::string_view name, const std::vector<std::string>& known) {
   constexpr size_t kMostEdits = 3;
-  if (name.size() > kMaxNameBytes) return "";
-  size_t fewest = std::min(kMostEdits, (name.size() + 2) / 3) + 1;
+  if (name.empty() || name.size() > kMaxNameBytes) return "";
+  size_t fewest = std::clamp(name.size() / 3, size_t{1}, kMostEdits) + 1;
   const std::string* nearest = nullptr;
   for (const std::string& candidate : known) {
     if (candidate.size() > kMaxNameBytes) continue;
     const size_t edits = Edits(name, candidate);
-    // Of equally near names the one that was cut short, "fil" for "fill" before "fit".
+    // Of equally near names the one that was cut short: "fil" is "fill" before "fit".
     const bool begun = edits == fewest && nearest != nullptr && candidate.starts_with(name);
     if (edits >= fewest && !begun) continue;
     fewest = edits;
     nearest = &candidate;
   }
-  return nearest == nullptr ? "" : absl::StrCat("did you mean '", *nearest, "'?");
+  return nearest == nullptr ? "" : *nearest;
+}
+
+std::string DidYouMean(std::string_view name, const std::vector<std::string>& known) {
+  const std::string nearest = NearestName(name, known);
+  return nearest.empty() ? "" : absl::StrCat("did you mean '", nearest, "'?");
 }
 
 }  // namespace voxelpipe

@@ -32,7 +32,7 @@ std::optional<double> EtaMs(const ProgressState& state) {
 }
 
 std::string ProgressLine(const ProgressState& state, size_t columns) {
-  constexpr int kWidth = 20;
+  constexpr int kWidth = 10;  // leaves room for the rest in 80 columns
   const bool list = state.items > 1;
   const double share = std::clamp(list ? double(state.ended) / double(state.items) : state.fraction, 0.0, 1.0);
   const int filled = int(share * kWidth);

@@ -62,10 +62,11 @@ std::string MissingFileHint(const std::string& path) {
   std::vector<std::string> names;
   fs::directory_iterator it(directory.empty() ? fs::path(".") : directory, error);
   for (; !error && it != fs::directory_iterator() && names.size() < kMostEntries; it.increment(error)) {
-    if (it->is_regular_file(error)) names.push_back((directory / it->path().filename()).string());
+    if (it->is_regular_file(error)) names.push_back(it->path().filename().string());
   }
   std::sort(names.begin(), names.end());  // a directory's order is any
-  return InBrackets(DidYouMean(path, names));
+  const std::string nearest = NearestName(fs::path(path).filename().string(), names);
+  return nearest.empty() ? "" : absl::StrCat(" (did you mean '", (directory / nearest).string(), "'?)");
 }
 
 }  // namespace voxelpipe::cli

@@ -18,6 +18,7 @@ TEST(NearestNameTest, FindsWhatWasMeant) {
 
 TEST(NearestNameTest, SaysNothingWhereNothingIsNear) {
   EXPECT_EQ(DidYouMean("phong", kNames), "");
+  EXPECT_EQ(DidYouMean("none.glb", {"box.glb"}), "");
   EXPECT_EQ(DidYouMean("", kNames), "");
   EXPECT_EQ(DidYouMean("xyz", kNames), "");
   EXPECT_EQ(DidYouMean(std::string(1000, 'u'), kNames), "");

@@ -131,8 +131,8 @@ TEST_F(CliFiles, AnInputThatCannotBeReadSaysWhyAndNamesItsPathOnce) {
       EXPECT_EQ(RunCli({command, path}).err, "voxelpipe: " + path + ": " + why + "\n");
     }
   };
-  check(directory_ / "none.glb", "no such file (did you mean '" + box_ + "'?)");
-  const std::string directory = directory_.path().string();
+  check(directory_ / "none.glb", "no such file");
+  const std::string directory = directory_.path().string();  // of meshes for voxelize
   EXPECT_EQ(RunCli({"info", directory}).err, "voxelpipe: " + directory + ": not a regular file\n");
   if (geteuid() == 0) GTEST_SKIP() << "root reads everything";
   fs::permissions(box_, fs::perms::none);

@@ -37,6 +37,7 @@ class CliMessages : public ::testing::Test {
 TEST_F(CliMessages, AMistypedOptionNamesTheNearestAndTheHelpOfItsCommand) {
   EXPECT_THAT(Error({"voxelize", box_, "--resolutoin", "4"}, 2),
               HasSubstr("(did you mean '--resolution'?); see 'voxelpipe voxelize --help'"));
+  EXPECT_THAT(Error({"voxelize", box_, "--filll=parity"}, 2), HasSubstr("did you mean '--fill'?"));
   EXPECT_THAT(Error({"voxelize", box_, "--fil=parity"}, 2), HasSubstr("did you mean '--fill'?"));
   EXPECT_THAT(Error({"info", box_, "--jsn"}, 2), HasSubstr("did you mean '--json'?); see 'voxelpipe info --help'"));
   EXPECT_THAT(Error({"voxelize", box_, "--wholly-unknown"}, 2), Not(HasSubstr("did you mean")));

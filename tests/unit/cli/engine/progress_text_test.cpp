@@ -26,18 +26,18 @@ ProgressState List(size_t ended, size_t items, double elapsed_ms) {
 TEST(ProgressText, ALineOfOneMeshHasStageShareAndVoxelRate) {
   ProgressState state = List(0, 1, 1000);
   state.stage = "fine_raster";
-  EXPECT_EQ(ProgressLine(state, 80), "[##########..........]  50 %  fine_raster");
+  EXPECT_EQ(ProgressLine(state, 80), "[#####.....]  50 %  fine_raster");
   state.voxels_per_second = 12345678;
-  EXPECT_EQ(ProgressLine(state, 80), "[##########..........]  50 %  fine_raster, 12.3 M voxels/s");
-  EXPECT_EQ(ProgressLine(state, 10), "[#########");
+  EXPECT_EQ(ProgressLine(state, 80), "[#####.....]  50 %  fine_raster, 12.3 M voxels/s");
+  EXPECT_EQ(ProgressLine(state, 10), "[#####....");
 }
 
 TEST(ProgressText, ALineOfAListHasItemRateAndTimeLeft) {
-  EXPECT_EQ(ProgressLine(List(0, 4, 1000), 80), "[....................]   0 %  0 of 4, load");
-  EXPECT_EQ(ProgressLine(List(1, 4, 2000), 80), "[#####...............]  25 %  1 of 4, 0.5 items/s, 6 s left, load");
+  EXPECT_EQ(ProgressLine(List(0, 4, 1000), 80), "[..........]   0 %  0 of 4, load");
+  EXPECT_EQ(ProgressLine(List(1, 4, 2000), 80), "[##........]  25 %  1 of 4, 0.5 items/s, 6 s left, load");
   ProgressState state = List(10, 100, 60000);
   state.failed = 2;
-  EXPECT_THAT(ProgressLine(state, 90), HasSubstr("10 of 100, 2 failed, 0.167 items/s, 9 min 00 s left"));
+  EXPECT_THAT(ProgressLine(state, 80), HasSubstr("10 of 100, 2 failed, 0.167 items/s, 9 min 00 s left"));
   EXPECT_THAT(ProgressLine(List(1, 1000, 36000), 80), HasSubstr("9 h 59 min left"));
 }
 
