@@ -23,6 +23,9 @@ foreach(library ${libraries})
   target_include_directories(${library} INTERFACE $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
 endforeach()
 
+if(TARGET voxelpipe_shell_files)  # completion and the manual page
+  install(DIRECTORY ${PROJECT_BINARY_DIR}/share/ DESTINATION ${CMAKE_INSTALL_DATADIR})
+endif()
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/voxelpipe)
 install(TARGETS ${programs})
 install(TARGETS voxelpipe_core EXPORT voxelpipe-core)

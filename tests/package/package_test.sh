@@ -19,6 +19,9 @@ fail() { echo "package_test: $*" >&2; exit 1; }
 
 prefix="$work/prefix"
 cmake --install "$build_dir" --prefix "$prefix" >"$work/install.log" || { cat "$work/install.log" >&2; fail "install"; }
+for file in bash-completion/completions/voxelpipe man/man1/voxelpipe.1; do
+  [[ -s "$prefix/share/$file" ]] || fail "share/$file is not installed"
+done
 include="$prefix/include"
 [[ "$(ls "$include")" == voxelpipe ]] || fail "headers outside include/voxelpipe: $(ls "$include")"
 if grep -rhE '^#include "' "$include" | grep -vE '"(voxelpipe|absl)/'; then fail "includes that no user can resolve"; fi

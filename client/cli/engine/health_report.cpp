@@ -22,7 +22,8 @@ std::string ForShell(const std::string& path) {
 // Empty where nothing can be voxelized.
 std::string NextStep(const FillAdvice& advice, const std::string& path) {
   if (advice.fill == Fill::kNone) return "";
-  const std::string output = std::filesystem::path(path).stem().string() + ".npy";
+  const std::string name = path == "-" ? "voxels" : std::filesystem::path(path).stem().string();
+  const std::string output = name + ".npy";
   return absl::StrCat("voxelpipe voxelize ", ForShell(path), " --fill ", std::string(Name(advice.fill)), " -o ",
                       ForShell(output));
 }

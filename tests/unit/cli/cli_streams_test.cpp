@@ -75,6 +75,8 @@ TEST_F(CliStreams, InfoReadsStandardInputToo) {
   const CliOutcome outcome = RunCli({"info", "-", "--json"}, "", from_box_);
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_EQ(json::parse(outcome.out)["triangles"], 12);
+  const std::string next = json::parse(outcome.out)["health"]["next"];
+  EXPECT_THAT(next, ::testing::EndsWith("-o voxels.npy")) << "there is no name to take";
 }
 
 TEST_F(CliStreams, SiblingsOfAGltfOnStandardInputAreThoseOfTheWorkingDirectory) {
