@@ -36,9 +36,9 @@ size_t Edits(std::string_view a, std::string_view b) {
 }  // namespace
 
 std::string NearestName(std::string_view name, const std::vector<std::string>& known) {
-  constexpr size_t kMostEdits = 3;
+  constexpr size_t kMaxEdits = 3;
   if (name.empty() || name.size() > kMaxNameBytes) return "";
-  size_t fewest = std::clamp(name.size() / 3, size_t{1}, kMostEdits) + 1;
+  size_t fewest = std::clamp(name.size() / 3, size_t{1}, kMaxEdits) + 1;
   const std::string* nearest = nullptr;
   for (const std::string& candidate : known) {
     if (candidate.size() > kMaxNameBytes) continue;

@@ -3,7 +3,7 @@
 
 Prints what breaks the rules of rooms (folders with sources), by the quoted includes; exit 1 if anything does:
 no folder with more than 25 files, no cycle between folders, no include of a room on a higher floor, no include across
-the borders of NEVER. An exception that is not needed any more is a fault, too.
+the borders of NEVER.
 """
 import collections
 import pathlib
@@ -39,10 +39,6 @@ NEVER = [("core/shaders", "core/load"), ("core/pipeline", "core/load"), ("core/c
          ("core/encode", "core/load"), ("core/encode", "core/cpu"), ("core/encode", "core/cuda"),
          ("client", "core/cpu"), ("client", "core/cuda"), ("server", "core/cpu"), ("server", "core/cuda"),
          ("proto", "core/cpu"), ("proto", "core/cuda"), ("server", "client")]
-
-# Folders that are still too large, and arrows that still run upward: to be emptied, not to be filled.
-LARGE = set()
-UPWARD = set()
 
 # Where a quoted include is looked up, after the folder of the file itself.
 ROOTS = {"core": ["core"], "proto": ["proto", "core"], "server": ["server", "proto", "core"],
@@ -104,41 +100,33 @@ def find_cycle(arrows):
     return None
 
 
-def find_faults(top, floors=None, never=None, large=None, upward=None):
+def find_faults(top, floors=None, never=None):
     """The faults of the tree at `top`, one line each. What is not given is this repository's."""
     floors = FLOORS if floors is None else floors
     never = NEVER if never is None else never
-    large = LARGE if large is None else large
-    upward = UPWARD if upward is None else upward
     faults = []
     files = list_files(top)
     counts = collections.Counter(
         room_of(f) for f in files if not f.endswith(".md") and not f.endswith("CMakeLists.txt"))
     for folder, count in sorted(counts.items()):
-        if count > MAX_FILES and folder not in large:
+        if count > MAX_FILES:
             faults.append(f"{folder}: {count} files, at most {MAX_FILES}")
-    faults += [f"rooms.py: {folder} is not too large any more" for folder in sorted(large)
-               if counts[folder] <= MAX_FILES]
 
     sources = [f for f in files if pathlib.PurePath(f).suffix in SOURCES]
     floor = {room: i for i, room in enumerate(floors)}
     for room in sorted({room_of(f) for f in sources} - set(floors)):
         if not within(room, "tests"):
             faults.append(f"{room}: not in the list of floors in rooms.py")
-    used, arrows = set(), collections.defaultdict(set)
+    arrows = collections.defaultdict(set)
     for source, target in find_includes(top, sources):
         a, b = room_of(source), room_of(target)
         if a == b:
             continue
         faults += [f"{source}: includes {target}, which {x} must not" for x, y in never
                    if within(source, x) and within(target, y)]
-        if (source, b) in upward:
-            used.add((source, b))
-            continue
         arrows[a].add(b)
         if floor.get(a, len(floors)) < floor.get(b, len(floors)):
             faults.append(f"{source}: includes {target}, which stands above it")
-    faults += [f"rooms.py: {source} does not include {room} any more" for source, room in sorted(upward - used)]
     if cycle := find_cycle(arrows):
         faults.append("a cycle of rooms: " + " -> ".join(cycle + cycle[:1]))
     return faults

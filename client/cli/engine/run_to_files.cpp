@@ -60,7 +60,7 @@ absl::StatusOr<std::unique_ptr<ResultFile>> OpenFile(const OutputPlan& plan, con
   return OpenResultFile(plan.result, &job);
 }
 
-// Measures the time of writing a file, and tells of the grid.
+// Measures the time of writing a file, and reports the number of voxels to on_grid.
 class TimedSink final : public ResultSink {
  public:
   TimedSink(ResultSink* next, const OnGrid& on_grid) : next_(next), on_grid_(on_grid) {}

@@ -52,7 +52,7 @@ std::string UsageError(const CLI::App& app, const CLI::ParseError& error) {
 }
 
 std::string MissingFileHint(const std::string& path) {
-  constexpr int kMostEntries = 10000;  // of a directory: a hint is not worth more
+  constexpr int kMaxEntries = 10000;  // of a directory: a hint is not worth more
   std::error_code error;
   if (IsStandardStream(path) || fs::exists(path, error)) return "";
   const fs::path directory = fs::path(path).parent_path();
@@ -61,7 +61,7 @@ std::string MissingFileHint(const std::string& path) {
   }
   std::vector<std::string> names;
   fs::directory_iterator it(directory.empty() ? fs::path(".") : directory, error);
-  for (; !error && it != fs::directory_iterator() && names.size() < kMostEntries; it.increment(error)) {
+  for (; !error && it != fs::directory_iterator() && names.size() < kMaxEntries; it.increment(error)) {
     if (it->is_regular_file(error)) names.push_back(it->path().filename().string());
   }
   std::sort(names.begin(), names.end());  // a directory's order is any

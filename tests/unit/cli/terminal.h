@@ -1,4 +1,4 @@
-// A terminal that nobody sits at.
+// A pseudo-terminal, for programs that ask if they write to one.
 #pragma once
 
 #include <fcntl.h>
