@@ -8,7 +8,7 @@
 #include "calls/mesh_calls.h"
 #include "calls/refused_call.h"
 #include "calls/voxelize_call.h"
-#include "calls/whole_call.h"
+#include "calls/voxelize_mesh_call.h"
 #include "pipeline/stages/backend.h"
 #include "reply/raw_message.h"
 #include "shaders/catalog.h"
@@ -84,12 +84,11 @@ grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizationService
   return ManyCall::Create(state_, *context);
 }
 
-grpc::ServerUnaryReactor* VoxelizationServiceImpl::VoxelizeWhole(grpc::CallbackServerContext* context,
-                                                                 const grpc::ByteBuffer* request,
-                                                                 grpc::ByteBuffer* response) {
-  using FullCall = RefusedCall<grpc::ServerUnaryReactor>;
-  if (grpc::ServerUnaryReactor* refused = FullCall::CreateIfFull(state_, *context, Rpc::kVoxelizeWhole)) return refused;
-  return WholeCall::Create(state_, *context, OwnRequest(request), *response);
+grpc::ServerWriteReactor<grpc::ByteBuffer>* VoxelizationServiceImpl::VoxelizeMesh(grpc::CallbackServerContext* context,
+                                                                                  const grpc::ByteBuffer* request) {
+  using Reactor = grpc::ServerWriteReactor<grpc::ByteBuffer>;
+  if (Reactor* refused = RefusedCall<Reactor>::CreateIfFull(state_, *context, Rpc::kVoxelizeMesh)) return refused;
+  return VoxelizeMeshCall::Create(state_, *context, OwnRequest(request));
 }
 
 grpc::ServerUnaryReactor* VoxelizationServiceImpl::EstimateVoxelization(grpc::CallbackServerContext* context,

@@ -17,7 +17,7 @@ using WithMeshCalls = Rpcs::WithRawCallbackMethod_UploadMesh<
     Rpcs::WithRawCallbackMethod_GetMesh<Rpcs::WithRawCallbackMethod_DeleteMesh<Base>>>;
 template <typename Base>
 using WithJobCalls = Rpcs::WithRawCallbackMethod_Voxelize<
-    Rpcs::WithRawCallbackMethod_VoxelizeMany<Rpcs::WithRawCallbackMethod_VoxelizeWhole<Base>>>;
+    Rpcs::WithRawCallbackMethod_VoxelizeMany<Rpcs::WithRawCallbackMethod_VoxelizeMesh<Base>>>;
 template <typename Base>
 using WithQuestions = Rpcs::WithRawCallbackMethod_EstimateVoxelization<
     Rpcs::WithRawCallbackMethod_ListShaders<Rpcs::WithRawCallbackMethod_GetServerInfo<Base>>>;
@@ -30,8 +30,8 @@ class VoxelizationServiceImpl final : public WithJobCalls<WithMeshCalls<WithQues
   grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Voxelize(grpc::CallbackServerContext* context) override;
   grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizeMany(
       grpc::CallbackServerContext* context) override;
-  grpc::ServerUnaryReactor* VoxelizeWhole(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
-                                          grpc::ByteBuffer* response) override;
+  grpc::ServerWriteReactor<grpc::ByteBuffer>* VoxelizeMesh(grpc::CallbackServerContext* context,
+                                                           const grpc::ByteBuffer* request) override;
   grpc::ServerUnaryReactor* EstimateVoxelization(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                  grpc::ByteBuffer* response) override;
   grpc::ServerReadReactor<grpc::ByteBuffer>* UploadMesh(grpc::CallbackServerContext* context,

@@ -49,7 +49,7 @@ struct Client::Impl {
   std::string target;
   ConnectOptions options;
   std::shared_ptr<grpc::Channel> channel;
-  ServerWays ways;
+  std::unique_ptr<const RawCalls> raw;  // never null after Connect
   std::unique_ptr<v1::VoxelizationService::Stub> service;
   std::unique_ptr<grpc::health::v1::Health::Stub> health;
 
@@ -66,8 +66,7 @@ struct Client::Impl {
   absl::StatusOr<RemoteResult> Voxelize(const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
                                         const OnPlan& on_plan) {
     return CallWithRetries(options.retries, job, [&] {
-      return CallVoxelize(*service, ways, target, options.max_result_bytes, options.settings, mesh, request, job,
-                          on_plan);
+      return CallVoxelize(*raw, target, options.max_result_bytes, options.settings, mesh, request, job, on_plan);
     });
   }
 
@@ -75,8 +74,8 @@ struct Client::Impl {
                                        ResultSink& sink, const OnPlan& on_plan) {
     WatchedSink watched(sink);
     const auto attempt = [&] {
-      return CallVoxelizeTo(*service, ways, target, options.max_result_bytes, options.settings, mesh, request, job,
-                            watched, on_plan);
+      return CallVoxelizeTo(*raw, target, options.max_result_bytes, options.settings, mesh, request, job, watched,
+                            on_plan);
     };
     return CallWithRetries(options.retries, job, attempt, [&] { return !watched.used(); });
   }
@@ -113,7 +112,7 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& targe
   if (!channel.ok()) return channel.status();
   impl->channel = *std::move(channel);
   impl->service = v1::VoxelizationService::NewStub(impl->channel);
-  impl->ways.raw = std::make_unique<RawCalls>(impl->channel);
+  impl->raw = std::make_unique<RawCalls>(impl->channel);
   impl->health = grpc::health::v1::Health::NewStub(impl->channel);
   return std::unique_ptr<Client>(new Client(std::move(impl)));
 }
@@ -137,7 +136,7 @@ std::unique_ptr<ManyStream> Client::OpenMany(const JobContext& job, size_t windo
 absl::StatusOr<StoredMesh> Client::UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format,
                                               const JobContext& job) {
   return CallWithRetries(impl_->options.retries, job,
-                         [&] { return CallUploadMesh(*impl_->ways.raw, impl_->target, mesh_bytes, format, job); });
+                         [&] { return CallUploadMesh(*impl_->raw, impl_->target, mesh_bytes, format, job); });
 }
 
 absl::StatusOr<RemoteResult> Client::VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,

@@ -22,13 +22,17 @@ class RawCalls {
   using VoxelizeStream = grpc::ClientReaderWriter<grpc::ByteBuffer, grpc::ByteBuffer>;
   std::unique_ptr<VoxelizeStream> Voxelize(grpc::ClientContext& context) const;
 
+  // VoxelizeMeshRequest up, VoxelizeResponse down.
+  using VoxelizeMeshStream = grpc::ClientReader<grpc::ByteBuffer>;
+  std::unique_ptr<VoxelizeMeshStream> VoxelizeMesh(grpc::ClientContext& context, const grpc::ByteBuffer& request) const;
+
   // UploadMeshRequest up.
   std::unique_ptr<grpc::ClientWriter<grpc::ByteBuffer>> UploadMesh(grpc::ClientContext& context,
                                                                    v1::UploadMeshResponse& response) const;
 
  private:
   const std::shared_ptr<grpc::Channel> channel_;
-  const grpc::internal::RpcMethod voxelize_, upload_mesh_;
+  const grpc::internal::RpcMethod voxelize_, voxelize_mesh_, upload_mesh_;
 };
 
 }  // namespace voxelpipe

@@ -1,5 +1,5 @@
-// A thread of its own uploads the mesh while the calling thread reads, so that an early refusal is seen at once and
-// full buffers on both sides cannot deadlock.
+// A small mesh goes in one message (VoxelizeMesh). A thread of its own uploads a larger one while the calling thread
+// reads, so that an early refusal is seen at once and full buffers on both sides cannot deadlock.
 #include "voxelize_call.h"
 
 #include <algorithm>
@@ -26,8 +26,8 @@
 namespace voxelpipe {
 namespace {
 
-// Meshes and results up to this size are sent in one message each.
-constexpr uint64_t kWholeBytes = uint64_t{1} << 20;
+// Meshes up to this size are sent in one message.
+constexpr uint64_t kOneMessageBytes = uint64_t{1} << 20;
 
 using Stream = RawCalls::VoxelizeStream;
 
@@ -65,16 +65,6 @@ void Upload(Stream& stream, const v1::VoxelizeConfig& config, std::span<const ui
   stream.WritesDone();
 }
 
-// A small mesh needs no thread: it is one message, which gRPC accepts without blocking.
-void UploadWhole(Stream& stream, v1::VoxelizeConfig config, std::span<const uint8_t> mesh_bytes, Reporter& reporter) {
-  reporter.Report("upload", 0);
-  v1::VoxelizeRequest message;
-  *message.mutable_whole()->mutable_config() = std::move(config);
-  message.mutable_whole()->set_mesh(mesh_bytes.data(), mesh_bytes.size());
-  message.set_crc32c(Crc32c(mesh_bytes));
-  stream.WriteLast(Serialized(message), grpc::WriteOptions());
-}
-
 // The thread of an upload. RAII: on every exit of the reader, including exceptions of the caller's callbacks, the call
 // ends and the thread is joined before its data is destroyed.
 class UploadThread {
@@ -105,22 +95,7 @@ absl::Status TellPlan(const v1::VoxelizationPlan& message, bool& planned,
   return absl::OkStatus();
 }
 
-// True if the result can only be small: a dense one of a bounded grid.
-bool IsSmall(const VoxelizeRequest& request) {
-  if (request.result != ResultKind::kDense) return false;
-  const GridRequest& grid = request.grid;
-  if (!grid.dims && grid.voxel_size) return false;
-  double voxels = 1;
-  for (size_t axis = 0; axis < 3; ++axis) {
-    voxels *= double(grid.dims ? (*grid.dims)[axis] : grid.resolution) + 2.0 * double(grid.padding);
-  }
-  if (!(voxels >= 0 && voxels <= double(kWholeBytes * 8))) return false;
-  uint64_t bytes = 0;
-  for (const TargetSpec& target : request.targets) bytes += TargetBytes(target, uint64_t(voxels));
-  return bytes <= kWholeBytes;
-}
-
-// The result of a unary call. An error means that the server violates the protocol, or is the sink's.
+// A small result in one message. An error means that the server violates the protocol, or is the sink's.
 absl::Status TakeWhole(const v1::WholeResult& whole, ResultReader& reader, bool& planned, Reporter& reporter,
                        const std::function<void(const Plan&)>& on_plan) {
   absl::Status status = TellPlan(whole.accepted(), planned, on_plan);
@@ -172,93 +147,83 @@ v1::VoxelizeConfig ConfigOf(const MeshSource& mesh, const VoxelizeRequest& reque
   return config;
 }
 
-// A small job as a unary call. UNIMPLEMENTED and NeedsStream if the server requires a stream; then no progress was
-// reported.
-absl::StatusOr<RemoteRun> CallWhole(v1::VoxelizationService::Stub& stub, const std::string& target,
-                                    uint64_t max_result_bytes, const CallSettings& settings, const MeshSource& mesh,
-                                    const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
-                                    const std::function<void(const Plan&)>& on_plan) {
-  Reporter reporter(job);
-  reporter.Report("upload", 0);
-  google::protobuf::Arena arena;
-  auto& message = *google::protobuf::Arena::CreateMessage<v1::VoxelizeWholeRequest>(&arena);
-  *message.mutable_config() = ConfigOf(mesh, request, settings);
-  message.set_mesh(mesh.bytes.data(), mesh.bytes.size());
-  message.set_crc32c(Crc32c(mesh.bytes));
-  auto& answer = *google::protobuf::Arena::CreateMessage<v1::VoxelizeWholeResponse>(&arena);
-  grpc::ClientContext context;
-  grpc::Status status;
-  {
-    const CallWatch watch(context, job);
-    status = stub.VoxelizeWhole(&context, message, &answer);
+// The messages of one call, until its end. Out: an error of the server's messages or of the sink, otherwise the status
+// of the call.
+class Answer {
+ public:
+  Answer(const VoxelizeRequest& request, uint64_t max_result_bytes, const CallSettings& settings, ResultSink& sink,
+         Reporter& reporter, const std::function<void(const Plan&)>& on_plan)
+      : reader_(request, max_result_bytes, sink, settings.content_hash), reporter_(reporter), on_plan_(on_plan) {}
+
+  // Reads all messages; after an error it cancels the call.
+  template <typename Stream>
+  void Read(grpc::ClientContext& context, Stream& stream) {
+    PieceViewer viewer;
+    grpc::ByteBuffer buffer;
+    while (stream.Read(&buffer)) {
+      if (broken_.ok()) broken_ = TakeBytes(buffer, viewer, reader_, planned_, reporter_, on_plan_);
+      buffer.Clear();  // frees its memory for the next one
+      if (!broken_.ok()) context.TryCancel();
+    }
   }
-  if (!status.ok()) return CallStatus(status, job, target);
-  ResultReader reader(request, max_result_bytes, sink, settings.content_hash);
-  bool planned = false;
-  if (absl::Status s = TakeWhole(answer.result(), reader, planned, reporter, on_plan); !s.ok()) return s;
-  return reader.Take();
+
+  absl::StatusOr<RemoteRun> Take(const grpc::Status& status, const JobContext& job, const std::string& target) {
+    if (!broken_.ok()) return broken_;
+    if (!status.ok()) return CallStatus(status, job, target);
+    return reader_.Take();
+  }
+
+ private:
+  ResultReader reader_;
+  Reporter& reporter_;
+  const std::function<void(const Plan&)>& on_plan_;
+  absl::Status broken_;
+  bool planned_ = false;
+};
+
+grpc::ByteBuffer MeshRequest(const v1::VoxelizeConfig& config, std::span<const uint8_t> mesh_bytes) {
+  google::protobuf::Arena arena;
+  auto& message = *google::protobuf::Arena::CreateMessage<v1::VoxelizeMeshRequest>(&arena);
+  *message.mutable_config() = config;
+  message.set_mesh(mesh_bytes.data(), mesh_bytes.size());
+  message.set_crc32c(Crc32c(mesh_bytes));
+  return Serialized(message);
 }
 
 }  // namespace
 
-absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, ServerWays& ways,
-                                         const std::string& target, uint64_t max_result_bytes,
+absl::StatusOr<RemoteRun> CallVoxelizeTo(const RawCalls& calls, const std::string& target, uint64_t max_result_bytes,
                                          const CallSettings& settings, const MeshSource& mesh,
                                          const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                          const std::function<void(const Plan&)>& on_plan) {
   // In messages no target means one bit target; callers of this never mean that.
   if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
   if (absl::Status status = job.Check(); !status.ok()) return status;
-  const bool whole = mesh.bytes.size() <= kWholeBytes && IsSmall(request);
-  bool not_there = false;
-  if (whole && !ways.no_whole_calls) {
-    absl::StatusOr<RemoteRun> run =
-        CallWhole(stub, target, max_result_bytes, settings, mesh, request, job, sink, on_plan);
-    not_there = absl::IsUnimplemented(run.status());  // of the call, or of a feature of the mesh
-    if (!not_there && !NeedsStream(run.status())) return run;
-  }
   grpc::ClientContext context;
   const CallWatch watch(context, job);
-  if (whole) context.set_initial_metadata_corked(true);  // sent with the one message
-  const std::unique_ptr<Stream> stream = ways.raw->Voxelize(context);
   Reporter reporter(job);
-  v1::VoxelizeConfig config = ConfigOf(mesh, request, settings);
-  std::optional<UploadThread> upload;
-  if (whole) {
-    UploadWhole(*stream, std::move(config), mesh.bytes, reporter);
-  } else {
-    upload.emplace(context, [&] { Upload(*stream, config, mesh.bytes, reporter); });
+  Answer answer(request, max_result_bytes, settings, sink, reporter, on_plan);
+  const v1::VoxelizeConfig config = ConfigOf(mesh, request, settings);
+  if (mesh.bytes.size() <= kOneMessageBytes) {
+    reporter.Report("upload", 0);
+    const auto stream = calls.VoxelizeMesh(context, MeshRequest(config, mesh.bytes));
+    answer.Read(context, *stream);
+    return answer.Take(stream->Finish(), job, target);
   }
-
-  ResultReader reader(request, max_result_bytes, sink, settings.content_hash);
-  absl::Status broken = absl::OkStatus();
-  bool planned = false;
-  PieceViewer viewer;
-  grpc::ByteBuffer buffer;
-  while (stream->Read(&buffer)) {
-    broken = TakeBytes(buffer, viewer, reader, planned, reporter, on_plan);
-    buffer.Clear();  // frees its memory for the next one
-    if (broken.ok()) continue;
-    context.TryCancel();
-    while (stream->Read(&buffer)) {}
-    break;
-  }
-  if (upload) upload->Join();
-  const grpc::Status status = stream->Finish();
-  if (!broken.ok()) return broken;
-  if (!status.ok()) return CallStatus(status, job, target);
-  if (not_there) ways.no_whole_calls = true;
-  return reader.Take();
+  const auto stream = calls.Voxelize(context);
+  UploadThread upload(context, [&] { Upload(*stream, config, mesh.bytes, reporter); });
+  answer.Read(context, *stream);
+  upload.Join();
+  return answer.Take(stream->Finish(), job, target);
 }
 
-absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, ServerWays& ways,
-                                          const std::string& target, uint64_t max_result_bytes,
+absl::StatusOr<RemoteResult> CallVoxelize(const RawCalls& calls, const std::string& target, uint64_t max_result_bytes,
                                           const CallSettings& settings, const MeshSource& mesh,
                                           const VoxelizeRequest& request, const JobContext& job,
                                           const std::function<void(const Plan&)>& on_plan) {
   MemorySink sink;
   absl::StatusOr<RemoteRun> run =
-      CallVoxelizeTo(stub, ways, target, max_result_bytes, settings, mesh, request, job, sink, on_plan);
+      CallVoxelizeTo(calls, target, max_result_bytes, settings, mesh, request, job, sink, on_plan);
   if (!run.ok()) return run.status();
   RemoteResult remote{*std::move(run), sink.Take()};
   remote.result.stats = remote.stats;

@@ -1,7 +1,6 @@
 // One Voxelize call: uploads and downloads at the same time.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -12,7 +11,6 @@
 #include "absl/status/statusor.h"
 #include "client.h"
 #include "raw_calls.h"
-#include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 
 namespace voxelpipe {
 
@@ -30,22 +28,14 @@ struct MeshSource {
   }
 };
 
-// Raw calls to a server, and what is known about its version. Thread-safe.
-struct ServerWays {
-  std::unique_ptr<const RawCalls> raw;      // never null
-  std::atomic<bool> no_whole_calls{false};  // the server is older than VoxelizeWhole
-};
-
 // See Client::VoxelizeTo. `target` names the server in errors.
-absl::StatusOr<RemoteRun> CallVoxelizeTo(v1::VoxelizationService::Stub& stub, ServerWays& ways,
-                                         const std::string& target, uint64_t max_result_bytes,
+absl::StatusOr<RemoteRun> CallVoxelizeTo(const RawCalls& calls, const std::string& target, uint64_t max_result_bytes,
                                          const CallSettings& settings, const MeshSource& mesh,
                                          const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                          const std::function<void(const Plan&)>& on_plan);
 
 // See Client::Voxelize. `target` names the server in errors.
-absl::StatusOr<RemoteResult> CallVoxelize(v1::VoxelizationService::Stub& stub, ServerWays& ways,
-                                          const std::string& target, uint64_t max_result_bytes,
+absl::StatusOr<RemoteResult> CallVoxelize(const RawCalls& calls, const std::string& target, uint64_t max_result_bytes,
                                           const CallSettings& settings, const MeshSource& mesh,
                                           const VoxelizeRequest& request, const JobContext& job,
                                           const std::function<void(const Plan&)>& on_plan);

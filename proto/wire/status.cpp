@@ -16,15 +16,13 @@ namespace {
 constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
 constexpr char kQuotaSubjectUrl[] = "voxelpipe/quota_subject";
 constexpr char kMissingMeshUrl[] = "voxelpipe/missing_mesh";
-constexpr char kNeedsStreamUrl[] = "voxelpipe/needs_stream";  // its value: need_bytes limit_bytes
 constexpr char kFieldUrl[] = "voxelpipe/field";
 constexpr char kMeshType[] = "voxelpipe.v1.StoredMesh";
 constexpr char kDomain[] = "voxelpipe";
 // Keys of an ErrorInfo's metadata.
 constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLargestResolution[] = "largest_resolution",
-               kSmallestVoxelSize[] = "smallest_voxel_size", kUseRpc[] = "use_rpc";
-constexpr char kNotAvailable[] = "NOT_AVAILABLE", kResultNeedsStream[] = "RESULT_NEEDS_STREAM";
-constexpr char kStreamRpc[] = "voxelpipe.v1.VoxelizationService/Voxelize";
+               kSmallestVoxelSize[] = "smallest_voxel_size";
+constexpr char kNotAvailable[] = "NOT_AVAILABLE";
 // gRPC limits trailers to 8 KiB in total by default; the message is in them twice, once percent-encoded.
 static_assert(kMaxErrorBytes <= 1000);
 constexpr size_t kMaxIdBytes = 80;
@@ -118,17 +116,6 @@ std::optional<std::string> MissingMesh(const absl::Status& status) {
   return std::string(*payload);
 }
 
-absl::Status NeedsStreamError(uint64_t need_bytes, uint64_t limit_bytes) {
-  absl::Status status = absl::FailedPreconditionError(absl::StrCat(
-      "the result takes up to ", need_bytes, " bytes, and this call carries ", limit_bytes, "; Voxelize streams it"));
-  status.SetPayload(kNeedsStreamUrl, absl::Cord(absl::StrCat(need_bytes, " ", limit_bytes)));
-  return status;
-}
-
-bool NeedsStream(const absl::Status& status) {
-  return status.GetPayload(kNeedsStreamUrl).has_value();
-}
-
 absl::Status WithField(absl::Status status, std::string_view field) {
   status.SetPayload(kFieldUrl, absl::Cord(absl::string_view(field.data(), field.size())));
   return status;
@@ -182,17 +169,7 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
     missing.set_description(message);
     details.add_details()->PackFrom(missing);
   } else if (status.code() == absl::StatusCode::kFailedPrecondition) {
-    const auto bytes = status.GetPayload(kNeedsStreamUrl);
-    google::rpc::ErrorInfo info = MakeErrorInfo(bytes ? kResultNeedsStream : kNotAvailable);
-    if (bytes) {
-      const std::string numbers(*bytes);
-      const size_t space = numbers.find(' ');
-      auto& metadata = *info.mutable_metadata();
-      metadata[kNeedBytes] = numbers.substr(0, space);
-      metadata[kLimitBytes] = numbers.substr(space + 1);
-      metadata[kUseRpc] = kStreamRpc;
-    }
-    details.add_details()->PackFrom(info);
+    details.add_details()->PackFrom(MakeErrorInfo(kNotAvailable));
   } else if (status.code() == absl::StatusCode::kUnavailable) {
     if (const auto delay = RetryDelay(status)) details.add_details()->PackFrom(MakeRetryInfo(*delay));
   }
@@ -214,13 +191,6 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
       ReadNumber(info, kLargestResolution, numbers.largest_resolution);
       ReadThree(info, kSmallestVoxelSize, numbers.smallest_voxel_size);
       result = MakeLimitError(status.error_message(), numbers);
-    }
-    if (absl::IsFailedPrecondition(result) && detail.Is<google::rpc::ErrorInfo>() && detail.UnpackTo(&info) &&
-        info.reason() == kResultNeedsStream) {
-      uint64_t need_bytes = 0, limit_bytes = 0;  // 0 if the server did not send it
-      ReadNumber(info, kNeedBytes, need_bytes);
-      ReadNumber(info, kLimitBytes, limit_bytes);
-      result.SetPayload(kNeedsStreamUrl, absl::Cord(absl::StrCat(need_bytes, " ", limit_bytes)));
     }
     google::rpc::ResourceInfo missing;
     if (detail.Is<google::rpc::ResourceInfo>() && detail.UnpackTo(&missing) && missing.resource_type() == kMeshType) {

@@ -28,11 +28,6 @@ absl::Status MissingMeshError(std::string_view mesh_id);
 // The id of a MissingMeshError, in server and client.
 std::optional<std::string> MissingMesh(const absl::Status& status);
 
-// FAILED_PRECONDITION because the result has, or may have, more bytes than a unary call returns.
-absl::Status NeedsStreamError(uint64_t need_bytes, uint64_t limit_bytes);
-// True for a NeedsStreamError, in server and client.
-bool NeedsStream(const absl::Status& status);
-
 // Attaches the field of the request ("mesh") to an INVALID_ARGUMENT status whose message does not name it.
 absl::Status WithField(absl::Status status, std::string_view field);
 
@@ -44,12 +39,11 @@ absl::Status WithField(absl::Status status, std::string_view field);
 //                         need_and_limit, and need_bytes, limit_bytes, largest_resolution and smallest_voxel_size as
 //                         numbers if they are known and apply (LimitErrorOf)
 //   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.StoredMesh", name the mesh's id
-//   FAILED_PRECONDITION   ErrorInfo "RESULT_NEEDS_STREAM" with need_bytes, limit_bytes and use_rpc for a
-//                         NeedsStreamError; otherwise "NOT_AVAILABLE"
+//   FAILED_PRECONDITION   ErrorInfo "NOT_AVAILABLE"
 //   UNAVAILABLE           RetryInfo for a NotServingError
 grpc::Status ToGrpcStatus(const absl::Status& status);
 
-// The inverse, for clients: RetryDelay, LimitErrorOf, MissingMesh and NeedsStream accept its result. Messages are
+// The inverse, for clients: RetryDelay, LimitErrorOf and MissingMesh accept its result. Messages are
 // always valid UTF-8; all other details are dropped.
 absl::Status FromGrpcStatus(const grpc::Status& status);
 

@@ -22,7 +22,7 @@ using prometheus::Histogram;
 using prometheus::Registry;
 
 constexpr std::array<const char*, kRpcs> kRpcNames = {
-    "Voxelize",   "VoxelizeMany", "VoxelizeWhole", "EstimateVoxelization", "ListShaders", "GetServerInfo",
+    "Voxelize",   "VoxelizeMany", "VoxelizeMesh", "EstimateVoxelization", "ListShaders", "GetServerInfo",
     "UploadMesh", "GetMesh",      "DeleteMesh",    "HealthCheck",          "HealthWatch"};
 constexpr std::array<const char*, kRefusals> kRefusalNames = {
     "no_token", "bad_token", "role", "quota_rate", "quota_calls", "quota_bytes", "tls_handshake"};

@@ -27,7 +27,7 @@ namespace voxelpipe {
 enum class Rpc {
   kVoxelize,
   kVoxelizeMany,
-  kVoxelizeWhole,
+  kVoxelizeMesh,
   kEstimateVoxelization,
   kListShaders,
   kGetServerInfo,
@@ -106,7 +106,7 @@ class Metrics {
   prometheus::Counter& result_bytes;    // of the same results, before compression
   prometheus::Counter& Refused(Refusal reason);
 
-  // ---- jobs: one a Voxelize or VoxelizeWhole call, many in a VoxelizeMany
+  // ---- jobs: one a Voxelize or VoxelizeMesh call, many in a VoxelizeMany
   void JobEnded(absl::StatusCode code);
   Seconds& QueueWait(size_t priority);  // below kPriorityClasses; from admission to a worker
   Seconds& job_seconds;                 // from the worker to the result in memory, including loading

@@ -24,11 +24,9 @@ struct MeshFields {
 template <typename Message>
 inline constexpr MeshFields kMeshFields;
 template <>
-inline constexpr MeshFields kMeshFields<v1::VoxelizeRequest>{v1::VoxelizeRequest::kMeshPieceFieldNumber,
-                                                             v1::VoxelizeRequest::kWholeFieldNumber,
-                                                             v1::WholeRequest::kMeshFieldNumber};
+inline constexpr MeshFields kMeshFields<v1::VoxelizeRequest>{v1::VoxelizeRequest::kMeshPieceFieldNumber, 0, 0};
 template <>
-inline constexpr MeshFields kMeshFields<v1::VoxelizeWholeRequest>{v1::VoxelizeWholeRequest::kMeshFieldNumber, 0, 0};
+inline constexpr MeshFields kMeshFields<v1::VoxelizeMeshRequest>{v1::VoxelizeMeshRequest::kMeshFieldNumber, 0, 0};
 template <>
 inline constexpr MeshFields kMeshFields<v1::VoxelizeManyRequest>{v1::VoxelizeManyRequest::kMeshFieldNumber,
                                                                  v1::VoxelizeManyRequest::kMoreFieldNumber,

@@ -151,9 +151,8 @@ grpc::ByteBuffer ResponseCoder::Whole(const v1::WholeResult& head, std::span<con
     bytes += 1 + VarintSize(piece_bytes) + piece_bytes;
   }
   Slices slices;
-  const int field =
-      whole_call_ ? int{v1::VoxelizeWholeResponse::kResultFieldNumber} : int{v1::VoxelizeResponse::kWholeFieldNumber};
-  slices.text = Envelope(job_id_, field, v1::VoxelizeManyResponse::kWholeFieldNumber, false, bytes);
+  slices.text = Envelope(job_id_, v1::VoxelizeResponse::kWholeFieldNumber, v1::VoxelizeManyResponse::kWholeFieldNumber,
+                         false, bytes);
   slices.text.reserve(slices.text.size() + size_t(bytes < kCopyBelow ? bytes : head_bytes));
   const size_t begin = slices.text.size();
   slices.text.resize(begin + head_bytes);

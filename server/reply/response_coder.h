@@ -23,17 +23,11 @@ struct CodedPiece {
   std::shared_ptr<const void> owner;  // keeps `data` until gRPC has sent it; null: `data` is copied
 };
 
-// Messages of one Voxelize call, of one job of a VoxelizeMany call, or the one of a VoxelizeWhole call.
+// Messages of one Voxelize or VoxelizeMesh call, or of one job of a VoxelizeMany call.
 class ResponseCoder {
  public:
   ResponseCoder() = default;
   explicit ResponseCoder(uint64_t job_id) : job_id_(job_id) {}
-  // Only for Whole.
-  static ResponseCoder OfWholeCall() {
-    ResponseCoder coder;
-    coder.whole_call_ = true;
-    return coder;
-  }
 
   // Any small message.
   grpc::ByteBuffer Message(const v1::VoxelizeResponse& response) const;
@@ -43,7 +37,6 @@ class ResponseCoder {
 
  private:
   std::optional<uint64_t> job_id_;
-  bool whole_call_ = false;
 };
 
 // Responses of a VoxelizeMany call, at least one, as one message: the first one with the others in `more`. Shares their

@@ -10,7 +10,8 @@ import subprocess
 
 ROUNDS = 5
 MEBIBYTES = 768  # of one bare stream
-DENSE = ["--resolution", "512", "--fit", "cube", "--target", "u8x1:replace:shader=constant", "--pieces", "--same-request"]
+DENSE = ["--resolution", "512", "--fit", "cube", "--target", "u8x1:replace:shader=constant", "--stream",
+         "--same-request"]
 PIECES = (("1 MiB", 1 << 20), ("256 KiB", 256 << 10))
 
 

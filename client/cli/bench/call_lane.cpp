@@ -1,12 +1,10 @@
-// Single Voxelize calls over one connection. Messages are serialized once and responses parsed in place, which leaves
-// gRPC's own cost of a call.
+// Single VoxelizeMesh or Voxelize calls over one connection. Messages are serialized once and responses parsed in
+// place, which leaves gRPC's own cost of a call.
 #include "bench/answer.h"
 #include "bench/single_calls.h"
 
 namespace voxelpipe::cli {
 namespace {
-
-constexpr char kMethod[] = "/voxelpipe.v1.VoxelizationService/Voxelize";
 
 enum class Event : uint8_t { kWritten, kRead, kFinished, kPaused };
 
@@ -41,7 +39,7 @@ class CallLane final : public SingleCalls<Stream> {
     call.next_message = 0;
     call.pending = 2;
     call.over = false;
-    call.stream = stub_.PrepareCall(&*call.context, kMethod, &queue_);
+    call.stream = stub_.PrepareCall(&*call.context, run_.method, &queue_);
     call.stream->StartCall(nullptr);  // corked: no event
     WriteNext(call);
     call.stream->Read(&call.buffer, &call.read);
@@ -72,8 +70,10 @@ class CallLane final : public SingleCalls<Stream> {
           if (call.broken.ok()) call.broken = call.answer.Take(call.buffer);
           if (!call.broken.ok()) call.context->TryCancel();
           call.buffer.Clear();
-          call.stream->Read(&call.buffer, &call.read);
-          return;
+          if (!call.answer.complete()) {
+            call.stream->Read(&call.buffer, &call.read);
+            return;
+          }
         }
         call.over = true;
         call.stream->Finish(&call.status, &call.finished);

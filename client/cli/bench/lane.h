@@ -32,6 +32,7 @@ struct LoadRun {
   // The messages of one call, in order, serialized once. Of VoxelizeMany: one message, without its id.
   using Variant = std::vector<grpc::ByteBuffer>;
   std::vector<Variant> variants;  // used in rotation
+  std::string method;             // of single calls: the path of VoxelizeMesh or Voxelize
   std::atomic<uint64_t> turn{0};
   std::atomic<int64_t> in_flight{0};
   std::atomic<bool> stop{false};    // no new requests
@@ -57,7 +58,6 @@ class Lane {
 // `run` must outlive the lane.
 std::unique_ptr<Lane> MakeCallLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 std::unique_ptr<Lane> MakeManyLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
-std::unique_ptr<Lane> MakeUnaryLane(std::shared_ptr<grpc::Channel> channel, LoadRun& run);
 
 // True if an error has a RetryInfo. Searches for its name, because parsing thousands a second is too slow.
 inline bool SaysWhenToRetry(const grpc::Status& status) {

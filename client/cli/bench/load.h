@@ -30,8 +30,7 @@ struct LoadPlan {
   bool without_hash = false;  // no SHA-256 of the results
 
   bool many = false;    // jobs of VoxelizeMany streams instead of calls
-  bool stream = false;  // use Voxelize even where VoxelizeWhole suffices
-  bool pieces = false;  // separate messages for config, mesh and result even where one suffices
+  bool stream = false;  // use Voxelize even where VoxelizeMesh suffices
   // Send equal requests. Otherwise they differ without effect on the result, so that a server cannot share a run.
   bool same_request = false;
   bool send_mesh = false;      // send the bytes each time instead of the id of an uploaded mesh
@@ -101,7 +100,7 @@ struct LoadResult {
   std::optional<double> server_cpu_seconds;
   int connections = 0;
   bool mesh_sent = false;  // the bytes with each request
-  std::string call;        // "unary", "whole" (on a stream), "pieces" or "many"
+  std::string call;        // "mesh", "stream" or "many"
   std::string hash;        // of every response
   uint64_t bytes = 0;      // of one response
   bool interrupted = false;

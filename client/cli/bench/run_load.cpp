@@ -29,7 +29,7 @@ namespace {
 using v1::VoxelizationService;
 
 constexpr size_t kPieceBytes = size_t{1} << 20;
-constexpr size_t kMaxWholeBytes = size_t{1} << 20;      // of a mesh sent in one message with its config
+constexpr size_t kOneMessageBytes = size_t{1} << 20;    // of a mesh sent in one message with its config
 constexpr std::chrono::milliseconds kPollInterval{20};  // poll interval for signals, while idle
 
 absl::Status AtServer(const std::string& target, const grpc::Status& status) {
@@ -77,14 +77,9 @@ absl::StatusOr<std::string> UploadMesh(VoxelizationService::Stub& stub, const st
   return response.mesh().mesh_id();
 }
 
-// The messages of one call.
-std::vector<v1::VoxelizeRequest> CallMessages(const v1::VoxelizeConfig& config, const FileBytes& mesh, bool whole) {
+// The messages of one Voxelize call.
+std::vector<v1::VoxelizeRequest> CallMessages(const v1::VoxelizeConfig& config, const FileBytes& mesh) {
   std::vector<v1::VoxelizeRequest> messages(1);
-  if (whole) {
-    *messages[0].mutable_whole()->mutable_config() = config;
-    messages[0].mutable_whole()->set_mesh(mesh.data(), mesh.size());
-    return messages;
-  }
   *messages[0].mutable_config() = config;
   for (size_t offset = 0; offset < mesh.size(); offset += kPieceBytes) {
     messages.emplace_back().set_mesh_piece(mesh.data() + offset, std::min(kPieceBytes, mesh.size() - offset));
@@ -92,8 +87,8 @@ std::vector<v1::VoxelizeRequest> CallMessages(const v1::VoxelizeConfig& config, 
   return messages;
 }
 
-v1::VoxelizeWholeRequest UnaryMessage(const v1::VoxelizeConfig& config, const FileBytes& mesh) {
-  v1::VoxelizeWholeRequest message;
+v1::VoxelizeMeshRequest MeshMessage(const v1::VoxelizeConfig& config, const FileBytes& mesh) {
+  v1::VoxelizeMeshRequest message;
   *message.mutable_config() = config;
   message.set_mesh(mesh.data(), mesh.size());
   return message;
@@ -120,12 +115,11 @@ std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeCon
       variants[i].push_back(Serialized(job));
       continue;
     }
-    if (call == "unary") {
-      variants[i].push_back(Serialized(UnaryMessage(config, mesh)));
+    if (call == "mesh") {
+      variants[i].push_back(Serialized(MeshMessage(config, mesh)));
       continue;
     }
-    const bool whole = call == "whole";
-    std::vector<v1::VoxelizeRequest> messages = CallMessages(config, i == 0 || whole ? mesh : FileBytes(), whole);
+    std::vector<v1::VoxelizeRequest> messages = CallMessages(config, i == 0 ? mesh : FileBytes());
     for (const v1::VoxelizeRequest& message : messages) variants[i].push_back(Serialized(message));
     // The pieces after the config are the same bytes, stored once.
     for (size_t piece = messages.size(); piece < variants[0].size(); ++piece) variants[i].push_back(variants[0][piece]);
@@ -143,9 +137,24 @@ absl::StatusOr<Answer> Complete(Answer answer, const std::string& target) {
   return answer;
 }
 
-// One call before the measurement. Out: its response.
-absl::StatusOr<Answer> CallOnce(VoxelizationService::Stub& stub, const std::string& target,
-                                const std::vector<v1::VoxelizeRequest>& messages) {
+// Reads the response of a call before the measurement, to its end.
+template <typename Stream>
+absl::StatusOr<Answer> ReadAnswer(Stream& stream, const std::string& target) {
+  Answer answer;
+  absl::Status broken = absl::OkStatus();
+  v1::VoxelizeResponse message;
+  while (stream.Read(&message)) {
+    if (broken.ok()) broken = answer.Take(message);
+  }
+  const grpc::Status status = stream.Finish();
+  if (!status.ok()) return AtServer(target, status);
+  if (!broken.ok()) return broken;
+  return Complete(std::move(answer), target);
+}
+
+// One Voxelize call before the measurement. Out: its response.
+absl::StatusOr<Answer> StreamOnce(VoxelizationService::Stub& stub, const std::string& target,
+                                  const std::vector<v1::VoxelizeRequest>& messages) {
   grpc::ClientContext context;
   const auto stream = stub.Voxelize(&context);
   std::thread writer([&] {
@@ -154,32 +163,9 @@ absl::StatusOr<Answer> CallOnce(VoxelizationService::Stub& stub, const std::stri
     }
     stream->WritesDone();
   });
-  Answer answer;
-  absl::Status broken = absl::OkStatus();
-  v1::VoxelizeResponse message;
-  while (stream->Read(&message)) {
-    if (broken.ok()) broken = answer.Take(message);
-  }
+  absl::StatusOr<Answer> answer = ReadAnswer(*stream, target);
   writer.join();
-  const grpc::Status status = stream->Finish();
-  if (!status.ok()) return AtServer(target, status);
-  if (!broken.ok()) return broken;
-  return Complete(std::move(answer), target);
-}
-
-// The same as a unary call. NeedsStream, or UNIMPLEMENTED from an older server, if only a stream works.
-absl::StatusOr<Answer> CallUnary(VoxelizationService::Stub& stub, const std::string& target,
-                                 const v1::VoxelizeWholeRequest& message) {
-  grpc::ClientContext context;
-  v1::VoxelizeWholeResponse response;
-  const grpc::Status status = stub.VoxelizeWhole(&context, message, &response);
-  if (!status.ok()) {
-    absl::Status told = FromGrpcStatus(status);
-    return NeedsStream(told) ? told : AtServer(target, status);
-  }
-  Answer answer;
-  if (absl::Status s = answer.Take(*response.mutable_result()); !s.ok()) return s;
-  return Complete(std::move(answer), target);
+  return answer;
 }
 
 double CpuSeconds() {
@@ -234,23 +220,13 @@ class Servers {
     }
     const FileBytes none;
     const FileBytes& mesh = result.mesh_sent ? plan.mesh : none;
-    bool whole = !plan.pieces && mesh.size() <= kMaxWholeBytes;
-    bool unary = whole && !plan.stream && !plan.many;
-    std::vector<v1::VoxelizeRequest> messages = CallMessages(config, mesh, whole);
+    const bool in_one = mesh.size() <= kOneMessageBytes && !plan.stream && !plan.many;
     for (size_t i = 0; i < plan.servers.size(); ++i) {
       VoxelizationService::Stub stub(channels[i]);
-      absl::StatusOr<Answer> answer = absl::UnimplementedError("");
-      if (unary) {
-        answer = CallUnary(stub, plan.servers[i], UnaryMessage(config, mesh));
-        unary = !NeedsStream(answer.status()) && !absl::IsUnimplemented(answer.status());
-      }
-      if (!unary) answer = CallOnce(stub, plan.servers[i], messages);
-      if (whole && !unary && (absl::IsInvalidArgument(answer.status()) || absl::IsUnimplemented(answer.status()))) {
-        // The server may not support whole requests; otherwise the same error comes again.
-        whole = false;
-        messages = CallMessages(config, mesh, whole);
-        answer = CallOnce(stub, plan.servers[i], messages);
-      }
+      grpc::ClientContext context;
+      const absl::StatusOr<Answer> answer =
+          in_one ? ReadAnswer(*stub.VoxelizeMesh(&context, MeshMessage(config, mesh)), plan.servers[i])
+                 : StreamOnce(stub, plan.servers[i], CallMessages(config, mesh));
       if (!answer.ok()) return answer.status();
       result.hash = answer->summary().content_sha256();
       result.bytes = answer->bytes();
@@ -259,7 +235,9 @@ class Servers {
       }
       run.expected_hash = result.hash;
     }
-    result.call = plan.many ? "many" : unary ? "unary" : whole ? "whole" : "pieces";
+    result.call = plan.many ? "many" : in_one ? "mesh" : "stream";
+    run.method =
+        in_one ? "/voxelpipe.v1.VoxelizationService/VoxelizeMesh" : "/voxelpipe.v1.VoxelizationService/Voxelize";
     run.variants = MakeVariants(plan, config, mesh, result.call);
     result.connections = int(channels.size());
     return absl::OkStatus();
@@ -345,9 +323,7 @@ absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan) {
   run.end = run.begin + seconds(plan.seconds);
   std::vector<std::unique_ptr<Lane>> lanes;
   for (const std::shared_ptr<grpc::Channel>& channel : servers.channels) {
-    lanes.push_back(plan.many                ? MakeManyLane(channel, run)
-                    : result.call == "unary" ? MakeUnaryLane(channel, run)
-                                             : MakeCallLane(channel, run));
+    lanes.push_back(plan.many ? MakeManyLane(channel, run) : MakeCallLane(channel, run));
   }
   Loop loop(plan, run, lanes);
   double client_cpu = 0, server_cpu = 0;

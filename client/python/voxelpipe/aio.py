@@ -23,10 +23,10 @@ from ._calls.session import (
     positions_file,
     upload_messages,
 )
-from ._calls.status import NeedsStream, of_call
+from ._calls.status import of_call
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from .client import MeshHandle
-from .errors import MeshNotFound, NotSupported, VoxelpipeError
+from .errors import MeshNotFound, VoxelpipeError
 from .grid import VoxelGrid
 from .place import GridPlace
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
@@ -70,7 +70,6 @@ class AsyncClient:
         )
         self._options.check()
         self._channel: Any = None
-        self._no_whole_calls = False
 
     @property
     def server(self) -> str:
@@ -293,25 +292,14 @@ class AsyncClient:
         return bytes(answer), request_id
 
     async def _voxelize(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
-        if not job.small() or self._no_whole_calls:
-            return await self._stream(job, timeout, reporter)
-        try:
-            answer, request_id = await self._unary("VoxelizeWhole", job.whole_request(), timeout)
-        except NeedsStream:
-            return await self._stream(job, timeout, reporter)
-        except NotSupported:  # of the call, or of a feature of the mesh: the stream tells
-            grid = await self._stream(job, timeout, reporter)
-            self._no_whole_calls = True
-            return grid
-        reader = ResultReader(job.request, self._options.max_result_bytes, request_id, reporter)
-        reader.add_whole(service.VoxelizeWholeResponse.FromString(answer).result)
-        return reader.finish()
-
-    async def _stream(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
         request_id = new_request_id()
         metadata = self._options.metadata(request_id)
-        method = self._open().stream_stream(SERVICE + "Voxelize")
-        call = method(_as_async(job.messages(reporter)), timeout=timeout, metadata=metadata)
+        if job.in_one_message():
+            method = self._open().unary_stream(SERVICE + "VoxelizeMesh")
+            call = method(job.mesh_request(), timeout=timeout, metadata=metadata)
+        else:
+            method = self._open().stream_stream(SERVICE + "Voxelize")
+            call = method(_as_async(job.messages(reporter)), timeout=timeout, metadata=metadata)
         reader = ResultReader(job.request, self._options.max_result_bytes, request_id, reporter)
         try:
             async for message in call:

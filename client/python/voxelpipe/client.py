@@ -15,10 +15,9 @@ from ._calls.many import Many
 from ._calls.reader import ResultReader
 from ._calls.retry import Deadline, Retries
 from ._calls.session import Job, Options, Progress, Reporter, Tls, estimate_request, positions_file, upload_messages
-from ._calls.status import NeedsStream
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from .errors import DataLoss, MeshNotFound, NotSupported, VoxelpipeError
+from .errors import DataLoss, MeshNotFound, VoxelpipeError
 from .grid import VoxelGrid
 from .place import GridPlace
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
@@ -94,7 +93,6 @@ class Client:
                 plaintext_token=plaintext_token,
             )
         )
-        self._no_whole_calls = False
         self._max_message_bytes = 0
 
     # ---- life ----
@@ -320,33 +318,35 @@ class Client:
         return ResultReader(request, self._connection.options.max_result_bytes, request_id, reporter)
 
     def _voxelize(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
-        if job.small() and not self._no_whole_calls:
-            try:
-                answer, request_id = self._connection.unary("VoxelizeWhole", job.whole_request(), timeout)
-            except NeedsStream:
-                return self._stream(job, timeout, reporter)
-            except NotSupported:  # of the call, or of a feature of the mesh: the stream tells
-                grid = self._stream(job, timeout, reporter)
-                self._no_whole_calls = True
-                return grid
-            reader = self._reader(job.request, request_id, reporter)
-            reader.add_whole(service.VoxelizeWholeResponse.FromString(answer).result)
-            return reader.finish()
-        return self._stream(job, timeout, reporter)
+        if not job.in_one_message():
+            upload = _Upload(job.messages(reporter))
+            call, request_id = self._connection.stream("Voxelize", upload, timeout)
+            upload.call = call
+            return self._read(job, call, request_id, reporter, upload)
+        request = job.mesh_request()
+        if not job.small_result():
+            call, request_id = self._connection.stream("VoxelizeMesh", request, timeout)
+            return self._read(job, call, request_id, reporter, None)
+        responses, request_id = self._connection.responses("VoxelizeMesh", request, timeout)
+        reader = self._reader(job.request, request_id, reporter)
+        for response in responses:
+            reader.add_bytes(response)
+        return reader.finish()
 
-    def _stream(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
-        upload = _Upload(job.messages(reporter))
-        call, request_id = self._connection.stream("Voxelize", upload, timeout)
-        upload.call = call
+    def _read(
+        self, job: Job, call: Any, request_id: str, reporter: Reporter, upload: "_Upload | None"
+    ) -> VoxelGrid:
         reader = self._reader(job.request, request_id, reporter)
         try:
             with contextlib.closing(received_ahead(call)) as messages:
                 for message in messages:
                     reader.add_bytes(message)
         except grpc.RpcError as error:
-            upload.raise_failure()
+            if upload is not None:
+                upload.raise_failure()
             raise self._connection.error(error, request_id) from None
-        upload.raise_failure()
+        if upload is not None:
+            upload.raise_failure()
         return reader.finish()
 
     def _upload(self, file: MeshFile | None, timeout: float | None, reporter: Reporter) -> service.UploadMeshResponse:

@@ -1,4 +1,4 @@
-// Unary calls from one polling thread: the cheapest client of gRPC.
+// Small calls from one polling thread: the cheapest client of gRPC.
 #pragma once
 
 #include <sys/types.h>
@@ -16,5 +16,9 @@ namespace voxelpipe::bench {
 // not count. `response`: bytes of a response, for the rate.
 Measured PolledUnary(const std::shared_ptr<grpc::Channel>& channel, const char* method, const grpc::ByteBuffer& request,
                      size_t response, int in_flight, double seconds, pid_t server);
+
+// The same for server streams of one message.
+Measured PolledStreams(const std::shared_ptr<grpc::Channel>& channel, const char* method,
+                       const grpc::ByteBuffer& request, size_t response, int in_flight, double seconds, pid_t server);
 
 }  // namespace voxelpipe::bench

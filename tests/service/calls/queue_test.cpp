@@ -100,9 +100,8 @@ TEST_F(QueueTest, AFullQueueRefusesBeforeAnythingIsRead) {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
     // Nothing is sent, or a request that no server would look at any further.
-    v1::VoxelizeWholeResponse response;
     const absl::Status status =
-        FromGrpcStatus(i % 2 == 0 ? stub->Voxelize(&context)->Finish() : stub->VoxelizeWhole(&context, {}, &response));
+        FromGrpcStatus(i % 2 == 0 ? stub->Voxelize(&context)->Finish() : stub->VoxelizeMesh(&context, {})->Finish());
     EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
     EXPECT_TRUE(RetryDelay(status).has_value()) << status;
     EXPECT_NE(std::string(status.message()).find("the queue is full: 1 jobs run and 0 wait"), std::string::npos);

@@ -65,13 +65,13 @@ TEST_F(WarningsTest, OfEachWayToCall) {
   ASSERT_TRUE(streamed.ok()) << streamed.status();
   EXPECT_EQ(Codes(streamed->stats.warnings), kBoth);
 
-  v1::VoxelizeWholeRequest whole;
+  v1::VoxelizeMeshRequest whole;
   *whole.mutable_config() = MakeConfig(Colours(), MeshFormat::kGlb);
   whole.set_mesh(faulty_.data(), faulty_.size());
   grpc::ClientContext context;
-  v1::VoxelizeWholeResponse response;
-  ASSERT_TRUE(stub_->VoxelizeWhole(&context, whole, &response).ok());
-  EXPECT_EQ(Codes(ReadWarnings(response.result().summary())), kBoth);
+  v1::VoxelizeResponse response;
+  ASSERT_TRUE(stub_->VoxelizeMesh(&context, whole)->Read(&response));
+  EXPECT_EQ(Codes(ReadWarnings(response.whole().summary())), kBoth);
 
   v1::VoxelizeManyRequest item = Item(1, Colours());
   item.set_mesh(faulty_.data(), faulty_.size());

@@ -206,7 +206,7 @@ TEST_F(CorruptStreamTest, EveryCallSaysThatAMessageCannotBeRead) {
   const std::vector<std::pair<std::string, std::vector<std::string>>> calls = {
       {"DeleteMesh", {noise}},    {"EstimateVoxelization", {noise}}, {"GetMesh", {noise}},
       {"GetServerInfo", {noise}}, {"ListShaders", {noise}},          {"UploadMesh", begun},
-      {"Voxelize", {noise}},      {"VoxelizeMany", {noise}},         {"VoxelizeWhole", {noise}}};
+      {"Voxelize", {noise}},      {"VoxelizeMany", {noise}},         {"VoxelizeMesh", {noise}}};
   for (const auto& [method, messages] : calls) {
     const grpc::Status status = SendRawMessages(channel_, service + method, messages);
     EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << method << ": " << status.error_message();
@@ -237,10 +237,9 @@ TEST_F(CorruptStreamTest, EmptyFieldsWithoutNumberTakeNoMemory) {
       {"GetMesh", many(15)},  // unknown fields
       {"UploadMesh", many(15)},
       {"Voxelize", config},
-      {"Voxelize", in_field(v1::VoxelizeRequest::kWholeFieldNumber, config)},
       {"VoxelizeMany", many(v1::VoxelizeManyRequest::kMoreFieldNumber)},
       {"VoxelizeMany", in_field(v1::VoxelizeManyRequest::kConfigFieldNumber, targets)},
-      {"VoxelizeWhole", config}};
+      {"VoxelizeMesh", config}};
   const uint64_t peak = ReadProcessFacts(server_->pid()).peak_bytes;
   for (const auto& [method, message] : calls) {
     const grpc::Status status = SendRawMessages(channel_, service + method, {message});

@@ -123,9 +123,8 @@ TEST_F(BenchTest, EveryWayToSendGivesTheSameAnswer) {
   const std::string hash = VoxelizeHash("torus.glb", "16");
   for (const std::vector<std::string>& way : {std::vector<std::string>{},
                                               {"--send-mesh"},
-                                              {"--pieces"},
                                               {"--stream"},
-                                              {"--send-mesh", "--pieces"},
+                                              {"--send-mesh", "--stream"},
                                               {"--same-request"},
                                               {"--connections", "3"},
                                               {"--result", "sparse"},

@@ -194,7 +194,7 @@ TEST_F(LifecycleTest, ReflectionListsEveryService) {
   EXPECT_THAT(names, Contains(kServiceName));
   EXPECT_THAT(names, Contains("grpc.health.v1.Health"));
 
-  for (const char* method : {".Voxelize", ".VoxelizeMany", ".VoxelizeWhole"}) {
+  for (const char* method : {".Voxelize", ".VoxelizeMany", ".VoxelizeMesh"}) {
     request.set_file_containing_symbol(std::string(kServiceName) + method);
     ASSERT_TRUE(stream->Write(request));
     ASSERT_TRUE(stream->Read(&response));
@@ -313,7 +313,7 @@ TEST_F(LifecycleTest, SummaryTellsStagesPeakAndMesh) {
   ASSERT_NO_FATAL_FAILURE(Start());
   VoxelizeRequest request = SmallRequest();
   request.fill = Fill::kParity;
-  request.grid.resolution = 256;  // more than goes in one message, which has no room for progress
+  request.grid.resolution = 512;  // more than goes in one message, which has no room for progress
   std::vector<std::string> reported;
   const JobContext job([&](std::string_view stage, double fraction) {
     EXPECT_GE(fraction, 0);

@@ -5,13 +5,15 @@ import os
 import threading
 import time
 import weakref
-from typing import Any, Callable, Iterator
+from typing import Any, Callable, Iterator, TypeVar
 
 from .. import errors
 from .grpc_module import FORKS_ARE_SAFE, grpc
 from .helper import Helper
 from .session import SERVICE, Options, new_request_id
 from .status import of_call
+
+_Read = TypeVar("_Read")
 
 _UNSAFE = (
     "this process was forked while {}; use the start method spawn or forkserver (multiprocessing.get_context), or fork "
@@ -102,14 +104,23 @@ class Connection:
 
     def unary(self, name: str, request: bytes, timeout: float | None) -> tuple[bytes, str]:
         """A unary call. Out: the response and the call's id. Errors: VoxelpipeError by the call's code."""
+        return self._blocking("unary_unary", name, request, timeout, bytes)
+
+    def responses(self, name: str, request: bytes, timeout: float | None) -> tuple[list[bytes], str]:
+        """A call with few and small responses. Out: all of them, and the call's id. Errors: as of unary."""
+        return self._blocking("unary_stream", name, request, timeout, list)
+
+    def _blocking(
+        self, kind: str, name: str, request: bytes, timeout: float | None, read: Callable[[Any], _Read]
+    ) -> tuple[_Read, str]:
         helped = threading.current_thread() is threading.main_thread()
-        method = self._method("unary_unary", name, helped)
+        method = self._method(kind, name, helped)
         request_id = new_request_id()
         metadata = self.options.metadata(request_id)
 
-        def call() -> bytes:
+        def call() -> _Read:
             try:
-                return bytes(method(request, timeout=timeout, metadata=metadata))
+                return read(method(request, timeout=timeout, metadata=metadata))
             finally:
                 self._end()
 
@@ -123,7 +134,7 @@ class Connection:
                 raise errors.Cancelled("the client is closed", request_id=request_id) from error
             raise
 
-    def _helped(self, call: Callable[[], bytes]) -> bytes:
+    def _helped(self, call: Callable[[], _Read]) -> _Read:
         if self._helper is None:
             self._helper = Helper()
         try:
@@ -139,11 +150,11 @@ class Connection:
                 channel.close()
             raise
 
-    def stream(self, name: str, requests: Iterator[bytes], timeout: float | None) -> tuple[Any, str]:
-        """A call with streams both ways. Out: gRPC's call, an iterator of responses, and the call's id."""
+    def stream(self, name: str, requests: bytes | Iterator[bytes], timeout: float | None) -> tuple[Any, str]:
+        """A call with one request or many. Out: gRPC's call, an iterator of responses, and the call's id."""
         request_id = new_request_id()
         metadata = self.options.metadata(request_id)
-        method = self._method("stream_stream", name)
+        method = self._method("unary_stream" if isinstance(requests, bytes) else "stream_stream", name)
         return self._watched(lambda: method(requests, timeout=timeout, metadata=metadata)), request_id
 
     def upload(self, name: str, requests: Iterator[bytes], timeout: float | None) -> tuple[bytes, str]:

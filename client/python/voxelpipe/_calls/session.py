@@ -155,14 +155,18 @@ class Job:
         """The bytes that follow the config."""
         return memoryview(b"") if self.file is None else self.file.data
 
-    def small(self) -> bool:
-        """True if the mesh and the result surely fit into one message each."""
-        return len(self.data) <= SMALL_BYTES and self.request.small_result(SMALL_BYTES)
+    def in_one_message(self) -> bool:
+        """True if the mesh fits into one message."""
+        return len(self.data) <= SMALL_BYTES
 
-    def whole_request(self) -> bytes:
-        """The VoxelizeWholeRequest."""
+    def small_result(self) -> bool:
+        """True if the result surely fits into one message."""
+        return self.request.small_result(SMALL_BYTES)
+
+    def mesh_request(self) -> bytes:
+        """The VoxelizeMeshRequest."""
         data = self.data
-        message = service.VoxelizeWholeRequest(config=self.config(), mesh=bytes(data), crc32c=crc32c(data))
+        message = service.VoxelizeMeshRequest(config=self.config(), mesh=bytes(data), crc32c=crc32c(data))
         return bytes(message.SerializeToString())
 
     def messages(self, report: "Reporter") -> Iterator[bytes]:

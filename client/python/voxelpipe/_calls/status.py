@@ -34,10 +34,6 @@ _NAMES = (
 ).split()
 
 
-class NeedsStream(errors.NotAvailable):
-    """FAILED_PRECONDITION: the result may be too large for a unary call. Not seen by callers."""
-
-
 def of_call(
     code: str, message: str, trailers: Iterable[Any] | None, target: str, request_id: str
 ) -> errors.VoxelpipeError:
@@ -95,8 +91,6 @@ def _made(
     if code == "NOT_FOUND":
         name = found["ResourceInfo"].resource_name if "ResourceInfo" in found else ""
         return errors.MeshNotFound(message, mesh_id=name, **common)
-    if code == "FAILED_PRECONDITION" and "ErrorInfo" in found and found["ErrorInfo"].reason == "RESULT_NEEDS_STREAM":
-        return NeedsStream(message, **common)
     return _BY_CODE.get(code, errors.ServerFailed)(message, **common)
 
 

@@ -43,7 +43,7 @@ LoadResult ThreeAnswersOfFive() {
   result.drain_seconds = 0.5;
   result.client_cpu_seconds = 0.001;
   result.connections = 1;
-  result.call = "whole";
+  result.call = "mesh";
   return result;
 }
 

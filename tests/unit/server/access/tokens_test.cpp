@@ -88,7 +88,7 @@ TEST(TokensTest, AMonitorLooksAndAUserWorks) {
   for (const Rpc rpc : {Rpc::kGetServerInfo, Rpc::kListShaders, Rpc::kHealthCheck, Rpc::kHealthWatch}) {
     EXPECT_TRUE(MayCall(Role::kMonitor, rpc)) << RpcName(rpc);
   }
-  for (const Rpc rpc : {Rpc::kVoxelize, Rpc::kVoxelizeMany, Rpc::kVoxelizeWhole, Rpc::kEstimateVoxelization,
+  for (const Rpc rpc : {Rpc::kVoxelize, Rpc::kVoxelizeMany, Rpc::kVoxelizeMesh, Rpc::kEstimateVoxelization,
                         Rpc::kUploadMesh, Rpc::kGetMesh, Rpc::kDeleteMesh}) {
     EXPECT_FALSE(MayCall(Role::kMonitor, rpc)) << RpcName(rpc);
     EXPECT_TRUE(MayCall(Role::kUser, rpc)) << RpcName(rpc);

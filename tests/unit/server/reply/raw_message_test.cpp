@@ -34,15 +34,16 @@ constexpr size_t kLargeMesh = 3 << 20;
 
 TEST(RawMessageTest, MeshBytesDoNotCountWhereverSlicesEnd) {
   for (const size_t slice_bytes : {size_t{4097}, size_t{1} << 20, size_t{1} << 30}) {
-    v1::VoxelizeRequest piece, whole, read;
+    v1::VoxelizeRequest piece, read;
     piece.set_mesh_piece(std::string(kLargeMesh, '\x0a'));
     piece.set_crc32c(7);
     ASSERT_TRUE(Read(piece, read, slice_bytes).ok());
     EXPECT_EQ(read.SerializeAsString(), piece.SerializeAsString());
-    whole.mutable_whole()->mutable_config()->set_mesh_id("x");
-    whole.mutable_whole()->set_mesh(std::string(kLargeMesh, '\x0a'));
-    ASSERT_TRUE(Read(whole, read, slice_bytes).ok());
-    EXPECT_EQ(read.SerializeAsString(), whole.SerializeAsString());
+    v1::VoxelizeMeshRequest one, one_read;
+    one.mutable_config()->set_mesh_id("x");
+    one.set_mesh(std::string(kLargeMesh, '\x0a'));
+    ASSERT_TRUE(Read(one, one_read, slice_bytes).ok());
+    EXPECT_EQ(one_read.SerializeAsString(), one.SerializeAsString());
     v1::VoxelizeManyRequest many, many_read;
     many.set_mesh(std::string(kLargeMesh, '\x0a'));
     for (uint64_t id = 1; id < 9; ++id) {
@@ -60,10 +61,10 @@ TEST(RawMessageTest, AllElseIsBounded) {
   EXPECT_TRUE(Read(config, read).ok());
   config.mutable_config()->set_mesh_id(Settings(kMaxSettingsBytes));  // and some bytes for keys and lengths
   EXPECT_THAT(std::string(Read(config, read).message()), HasSubstr("message: at most 1048576"));
-  v1::VoxelizeRequest whole;
-  whole.mutable_whole()->set_mesh(std::string(kLargeMesh, 'm'));
-  *whole.mutable_whole()->mutable_config() = config.config();
-  EXPECT_TRUE(absl::IsInvalidArgument(Read(whole, read)));
+  v1::VoxelizeMeshRequest one, one_read;
+  one.set_mesh(std::string(kLargeMesh, 'm'));
+  *one.mutable_config() = config.config();
+  EXPECT_TRUE(absl::IsInvalidArgument(Read(one, one_read)));
   // Of all jobs of a message together.
   v1::VoxelizeManyRequest many, many_read;
   for (int i = 0; i < 3; ++i) many.add_more()->mutable_config()->set_mesh_id(Settings(kMaxSettingsBytes / 2));

@@ -229,17 +229,12 @@ TEST(ResultPiecesTest, AWholeResultIsOneMessage) {
   const auto outcome = Shared(MakeOutcome({100, 200'000, 0}));
   Plan plan;
   plan.backend = "cpu";
-  enum class Way { kStream, kMany, kWholeCall };
-  for (const Way way : {Way::kStream, Way::kMany, Way::kWholeCall}) {
-    ResultPieces pieces({}, {},
-                        way == Way::kMany     ? ResponseCoder(5)
-                        : way == Way::kStream ? ResponseCoder()
-                                              : ResponseCoder::OfWholeCall());
+  enum class Way { kCall, kMany };
+  for (const Way way : {Way::kCall, Way::kMany}) {
+    ResultPieces pieces({}, {}, way == Way::kMany ? ResponseCoder(5) : ResponseCoder());
     grpc::ByteBuffer message = pieces.Whole(plan, outcome);
     v1::WholeResult whole;
-    if (way == Way::kWholeCall) {
-      whole = Received<v1::VoxelizeWholeResponse>(std::move(message)).result();
-    } else if (way == Way::kMany) {
+    if (way == Way::kMany) {
       const auto response = Received<v1::VoxelizeManyResponse>(std::move(message));
       EXPECT_EQ(response.id(), 5u);
       whole = response.whole();

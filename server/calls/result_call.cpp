@@ -1,0 +1,402 @@
+#include "calls/result_call.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "absl/strings/str_cat.h"
+#include "base/checksum/crc32c.h"
+#include "calls/call_setup.h"
+#include "calls/job_setup.h"
+#include "jobs/job_counts.h"
+#include "jobs/job_memory.h"
+#include "jobs/prepare_kept.h"
+#include "reply/raw_message.h"
+#include "wire/response.h"
+#include "wire/status.h"
+
+namespace voxelpipe {
+namespace {
+
+// How often a waiting worker checks its deadline.
+constexpr std::chrono::milliseconds kPollInterval{20};
+// The shortest interval between progress messages within a stage.
+constexpr std::chrono::milliseconds kProgressInterval{100};
+
+}  // namespace
+
+ResultCall::ResultCall(ServiceState& state, grpc::CallbackServerContext& grpc_context, Rpc rpc,
+                       SmallResult small_result)
+    : VoxelizeJob([this](std::string_view stage, double fraction) { OnProgress(stage, fraction); }),
+      state_(state),
+      pass_(state.gate),
+      context_(grpc_context),
+      record_(state, grpc_context, rpc),
+      small_result_(small_result),
+      uploads_(state.uploads),
+      working_(state.working) {
+  SetDeadline(grpc_context, context);
+}
+
+void ResultCall::KeepAlive(std::shared_ptr<ResultCall> self) {
+  self_ = std::move(self);
+  write_wait_ = WaitForClient(state_.options.stall_timeout_ms, "took nothing of the answer");
+}
+
+std::unique_ptr<IdleWatch::Wait> ResultCall::WaitForClient(uint32_t limit_ms, const char* what) {
+  return std::make_unique<IdleWatch::Wait>(
+      state_.idle_watch, std::chrono::milliseconds(limit_ms),
+      [call = std::weak_ptr<ResultCall>(self_), limit_ms, what] {
+        if (const auto self = call.lock()) self->GiveUp(absl::StrCat("the client ", what, " for ", limit_ms, " ms"));
+      });
+}
+
+absl::Status ResultCall::TakeConfig(const v1::VoxelizeConfig& message) {
+  if (configured_) return absl::InvalidArgumentError("config: only the first message may be one");
+  configured_ = true;
+  if (absl::Status s = ConfigureJob(state_, message, record_.client, *this); !s.ok()) return s;
+  return state_.results.Admit(*this);  // before the upload of the mesh
+}
+
+absl::Status ResultCall::TakePiece(std::string piece, std::optional<uint32_t> crc32c) {
+  if (crc32c && Crc32c({reinterpret_cast<const uint8_t*>(piece.data()), piece.size()}) != *crc32c) {
+    return absl::DataLossError(
+        absl::StrCat("the CRC-32C of the mesh bytes from offset ", record_.bytes_in, " does not fit"));
+  }
+  if (!configured_) return absl::InvalidArgumentError("config: must come before the mesh");
+  if (piece.empty()) return absl::OkStatus();
+  if (kept) {
+    if (absl::Status s = CheckMeshBytes(*kept, config, record_.bytes_in + piece.size(), false); !s.ok()) return s;
+  }
+  if (absl::Status s = TakeUploadBytes(state_, record_.bytes_in, piece.size(), uploads_); !s.ok()) return s;
+  if (absl::Status s = record_.TakeBytes(piece.size()); !s.ok()) return s;
+  AppendPiece(std::move(piece), pieces);
+  return absl::OkStatus();
+}
+
+void ResultCall::SubmitJob() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (end_) return;
+    submitted_ = true;
+  }
+  if (absl::Status s = state_.results.Submit({self_, static_cast<VoxelizeJob*>(this)}); !s.ok()) {
+    Done(std::move(s));
+    return;
+  }
+  if (!context.Check().ok()) Cancelled();  // it may have come before the job could be withdrawn
+}
+
+absl::Status ResultCall::Planned(const Plan& plan, bool may_wait) {
+  uploads_.ShrinkTo(0);  // the file was freed after loading
+  working_.ShrinkTo(0);  // of a failed worker
+  if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
+  PlanShared(plan);
+  return absl::OkStatus();
+}
+
+void ResultCall::PlanShared(const Plan& plan) {
+  if (std::exchange(planned_, true)) return;
+  if (small_result_ == SmallResult::kInOneMessage && plan.result_bytes <= kWholeBytes) {
+    plan_ = plan;
+    last_progress_ = std::chrono::steady_clock::now();
+  } else {
+    PostPlan(plan);
+    for (const v1::Progress& progress : early_) PostProgress(progress);
+  }
+  early_.clear();
+}
+
+void ResultCall::PostPlan(const Plan& plan) {
+  v1::VoxelizeResponse response;
+  *response.mutable_accepted() = ToMessage(plan);
+  Post(ResponseCoder().Message(response));
+}
+
+void ResultCall::DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) {
+  state_.metrics.JobEnded(absl::StatusCode::kOk);
+  kept.reset();
+  PlanShared(plan);
+  Answer(outcome, cached);
+}
+
+void ResultCall::Done(absl::StatusOr<JobOutcome> outcome) {
+  if (outcome.ok() && outcome->streamed && plan_) {
+    VoxelizeResult gathered = gathered_.Take();
+    gathered.stats = std::move(outcome->result.stats);
+    outcome->result = std::move(gathered);
+    outcome->streamed = false;
+  }
+  CountJob(state_.metrics, outcome);
+  mesh.reset();
+  kept.reset();
+  if (!outcome.ok()) {
+    {
+      const std::lock_guard lock(mutex_);
+      submitted_ = false;
+      if (end_) FreeLocked();  // the call ended while the job still ran
+    }
+    End(outcome.status());
+    return;
+  }
+  if (!outcome->streamed) {
+    working_.ShrinkTo(ResultBytes(outcome->result));
+    Answer(std::make_shared<const JobOutcome>(*std::move(outcome)), false);
+    return;
+  }
+  grpc::ByteBuffer summary = pieces_made().Summary(*outcome);
+  {
+    const std::lock_guard lock(mutex_);
+    submitted_ = false;
+    pending_.push_back(std::move(summary));
+    record_.bytes_out = pieces_made().sent_bytes();
+    record_.raw_bytes_out = pieces_made().bytes();
+    record_.facts = Facts(*outcome);
+    last_is_pending_ = true;
+    if (end_) FreeLocked();
+  }
+  Pump();
+}
+
+void ResultCall::Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached) {
+  const PieceOptions options = PiecesOf(state_.options);
+  std::shared_ptr<ResultStream> result;
+  std::optional<grpc::ByteBuffer> message;
+  uint64_t sent_bytes = 0, raw_bytes = 0;
+  if (plan_ && ResultBytes(outcome->result) <= kWholeBytes) {
+    ResultPieces whole(config.settings, options);
+    whole.SetShared(cached, outcome->sums);
+    message = whole.Whole(*plan_, outcome);
+    sent_bytes = whole.sent_bytes();
+    raw_bytes = whole.bytes();
+  } else {
+    if (plan_) PostPlan(*plan_);  // it did not have the size, as lists are estimated
+    result = std::make_shared<ResultStream>(outcome, config.settings, options, ResponseCoder(), cached);
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    submitted_ = false;
+    if (end_) {
+      FreeLocked();  // the call ended while the job still ran
+    } else {
+      record_.facts = Facts(*outcome);
+      result_ = std::move(result);
+      if (message) {
+        record_.bytes_out = sent_bytes;
+        record_.raw_bytes_out = raw_bytes;
+        pending_.push_back(*std::move(message));
+        last_is_pending_ = true;
+      }
+    }
+  }
+  Pump();
+}
+
+ResultPieces& ResultCall::pieces_made() {
+  if (!pieces_made_) pieces_made_.emplace(config.settings, PiecesOf(state_.options));
+  return *pieces_made_;
+}
+
+absl::Status ResultCall::Begin(const ResultHeader& header) {
+  if (plan_) return gathered_.Begin(header);
+  Post(pieces_made().Header(header));
+  return absl::OkStatus();
+}
+
+absl::Status ResultCall::Write(size_t array, std::span<const uint8_t> bytes) {
+  if (plan_) return gathered_.Write(array, bytes);
+  while (!bytes.empty()) {
+    const std::span<const uint8_t> piece = bytes.first(std::min<uint64_t>(pieces_made().piece_bytes(), bytes.size()));
+    if (absl::Status s = WaitForRoom(piece.size()); !s.ok()) return s;
+    Post(pieces_made().Piece(array, piece, nullptr));
+    pieces_made().Hash(piece);
+    bytes = bytes.subspan(piece.size());
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ResultCall::WaitForRoom(size_t bytes) {
+  std::unique_lock lock(mutex_);
+  // One piece may always be queued. Sweep ends the call of a client that reads nothing.
+  while (!end_ && !pending_.empty() && pending_bytes_ + bytes > state_.options.stream_buffer_bytes) {
+    if (absl::Status s = context.Check(); !s.ok()) return s;
+    room_.wait_for(lock, kPollInterval);  // a passing deadline sends no notification
+  }
+  return end_ ? (end_->ok() ? absl::CancelledError("the call has ended") : *end_) : context.Check();
+}
+
+void ResultCall::GiveUp(std::string_view why) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (finished_) end_ = absl::AbortedError(std::string(why));  // the client does not read the last message
+  }
+  End(absl::AbortedError(std::string(why)));
+  bool writing;
+  {
+    const std::lock_guard lock(mutex_);
+    writing = writing_ || finished_;
+  }
+  if (context.Check().ok()) context.Cancel();
+  if (writing) HangUp();  // the call can finish only after that write
+}
+
+void ResultCall::HangUp() {
+  const std::lock_guard lock(context_mutex_);
+  if (!context_gone_) context_.TryCancel();
+}
+
+void ResultCall::OnProgress(std::string_view stage, double fraction) {
+  if (!planned_) {  // the plan is sent first; of earlier progress, the last message of each stage follows it
+    if (early_.empty() || early_.back().stage() != stage) early_.emplace_back().set_stage(std::string(stage));
+    early_.back().set_fraction(fraction);
+    return;
+  }
+  const auto now = std::chrono::steady_clock::now();
+  const bool stage_begins = fraction == 0 && !plan_;  // a small result of little work is the only message
+  if (!stage_begins && now - last_progress_ < kProgressInterval) return;
+  last_progress_ = now;
+  v1::Progress progress;
+  progress.set_stage(std::string(stage));
+  progress.set_fraction(fraction);
+  PostProgress(progress);
+}
+
+void ResultCall::PostProgress(const v1::Progress& progress) {
+  v1::VoxelizeResponse response;
+  *response.mutable_progress() = progress;
+  Post(ResponseCoder().Message(response));
+}
+
+void ResultCall::Post(grpc::ByteBuffer message) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (end_) return;
+    pending_bytes_ += message.Length();
+    pending_.push_back(std::move(message));
+  }
+  Pump();
+}
+
+void ResultCall::Pump() {
+  std::unique_lock lock(mutex_);
+  while (!making_ && !writing_ && !finished_) {
+    if (end_) {
+      finished_ = true;
+      const grpc::Status status = ToGrpcStatus(*end_);
+      lock.unlock();
+      record_.Answered();
+      FinishCall(status);
+      return;
+    }
+    bool last = false;
+    std::shared_ptr<ResultStream> result;
+    std::shared_ptr<ResultCall> keep;
+    if (!pending_.empty()) {
+      writing_message_.Swap(&pending_.front());
+      pending_.pop_front();
+      pending_bytes_ -= std::min(pending_bytes_, writing_message_.Length());
+      last = last_is_pending_ && pending_.empty();
+    } else if (result_) {
+      // Made without the lock, because hashing and copying a piece take long. End does not touch the stream meanwhile.
+      result = result_;
+      keep = self_;
+      making_ = true;
+      lock.unlock();
+      grpc::ByteBuffer message = result->Next();
+      lock.lock();
+      if (end_) {
+        making_ = false;
+        FreeLocked();
+        continue;
+      }
+      writing_message_.Swap(&message);
+      record_.bytes_out = result->sent_bytes();
+      record_.raw_bytes_out = result->bytes();
+      last = result->done();
+    } else {
+      return;  // the job continues
+    }
+    // No other thread starts a write or finishes now, so gRPC is called without the lock.
+    if (last) {
+      end_ = absl::OkStatus();
+      finished_ = true;
+      making_ = false;
+      lock.unlock();
+      write_wait_->Begin();
+      record_.Answered();
+      StartLastMessage(&writing_message_);
+      return;
+    }
+    writing_ = true;
+    const grpc::WriteOptions options = write_ahead_.Next(result && result->next_is_ready());
+    lock.unlock();
+    write_wait_->Begin();
+    StartMessage(&writing_message_, options);
+    if (!result) return;
+    result->CatchUp();  // while the piece is being sent
+    lock.lock();
+    making_ = false;  // if the write is already done, this thread starts the next one
+    if (end_) FreeLocked();
+  }
+}
+
+void ResultCall::WriteDone(bool ok) {
+  write_wait_->End();
+  {
+    const std::lock_guard lock(mutex_);
+    writing_ = false;
+  }
+  room_.notify_all();
+  if (!ok) {
+    if (context.Check().ok()) context.Cancel();
+    End(context.Check());  // the client is gone
+    return;
+  }
+  Pump();
+}
+
+void ResultCall::End(absl::Status status) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!end_) end_ = std::move(status);
+    pending_.clear();
+    pending_bytes_ = 0;
+    FreeLocked();
+  }
+  room_.notify_all();
+  Pump();
+}
+
+void ResultCall::FreeLocked() {
+  if (submitted_ || making_) return;  // freed when the worker, or the thread that makes a message, is done
+  result_.reset();
+  pieces.clear();
+  uploads_.ShrinkTo(0);
+  working_.ShrinkTo(0);
+}
+
+void ResultCall::Cancelled() {
+  if (context.Check().ok()) context.Cancel();
+  bool submitted;
+  {
+    const std::lock_guard lock(mutex_);
+    submitted = submitted_;
+  }
+  if (submitted && state_.results.Withdraw(*this)) Done(context.Check());
+}
+
+void ResultCall::Ended() {
+  std::shared_ptr<ResultCall> keep;
+  write_wait_->End();
+  {
+    const std::lock_guard lock(context_mutex_);
+    context_gone_ = true;
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    record_.Log(end_.value_or(absl::UnknownError("the call ended by itself")));
+    FreeLocked();
+    keep = std::move(self_);
+  }
+}
+
+}  // namespace voxelpipe
