@@ -296,7 +296,7 @@ class AsyncClient:
         metadata = self._options.metadata(request_id)
         if job.in_one_message():
             method = self._open().unary_stream(SERVICE + "VoxelizeMesh")
-            call = method(job.mesh_request(), timeout=timeout, metadata=metadata)
+            call = method(job.mesh_request(reporter), timeout=timeout, metadata=metadata)
         else:
             method = self._open().stream_stream(SERVICE + "Voxelize")
             call = method(_as_async(job.messages(reporter)), timeout=timeout, metadata=metadata)

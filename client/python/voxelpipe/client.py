@@ -323,7 +323,7 @@ class Client:
             call, request_id = self._connection.stream("Voxelize", upload, timeout)
             upload.call = call
             return self._read(job, call, request_id, reporter, upload)
-        request = job.mesh_request()
+        request = job.mesh_request(reporter)
         if not job.small_result():
             call, request_id = self._connection.stream("VoxelizeMesh", request, timeout)
             return self._read(job, call, request_id, reporter, None)

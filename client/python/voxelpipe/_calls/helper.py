@@ -8,9 +8,10 @@ from __future__ import annotations
 import queue
 import threading
 import weakref
-from typing import Any, Callable, Tuple
+from typing import Any, Callable, Tuple, TypeVar
 
-_Task = Tuple[Callable[[], bytes], "queue.SimpleQueue[bytes | BaseException]"]
+_Answer = TypeVar("_Answer")
+_Task = Tuple[Callable[[], Any], "queue.SimpleQueue[Any]"]
 
 
 class Helper:
@@ -22,9 +23,9 @@ class Helper:
         self.end = weakref.finalize(self, tasks.put, None)
         threading.Thread(target=_work, args=(tasks,), daemon=True).start()
 
-    def run(self, call: Callable[[], bytes]) -> bytes:
+    def run(self, call: Callable[[], _Answer]) -> _Answer:
         """What the call returns or raises. KeyboardInterrupt leaves it running: the caller has to end it."""
-        answer: queue.SimpleQueue[bytes | BaseException] = queue.SimpleQueue()
+        answer: queue.SimpleQueue[_Answer | BaseException] = queue.SimpleQueue()
         self._tasks.put((call, answer))
         result = answer.get()
         if isinstance(result, BaseException):

@@ -77,6 +77,7 @@ class Options:
             ("grpc.keepalive_timeout_ms", 15000),
             ("grpc.http2.max_pings_without_data", 0),
             ("grpc.enable_retries", 0),  # this package's own keep to RetryInfo
+            ("SingleThreadedUnaryStream", 1),  # the sync channel's own; a thread a call would halve small calls
         ]
         if self.server.startswith(_LOOPBACK):
             options.append(("grpc.enable_http_proxy", 0))
@@ -163,8 +164,9 @@ class Job:
         """True if the result surely fits into one message."""
         return self.request.small_result(SMALL_BYTES)
 
-    def mesh_request(self) -> bytes:
+    def mesh_request(self, report: "Reporter") -> bytes:
         """The VoxelizeMeshRequest."""
+        report("upload", 0.0, 0)
         data = self.data
         message = service.VoxelizeMeshRequest(config=self.config(), mesh=bytes(data), crc32c=crc32c(data))
         return bytes(message.SerializeToString())
