@@ -1,13 +1,16 @@
 """Options of a request."""
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Callable
 
 import pytest
 
-from voxelpipe import GridPlace, InvalidRequest, Shader, Target
+import voxelpipe
+from voxelpipe import GridPlace, InvalidRequest, Shader, Target, UnknownOption
 from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
 from voxelpipe.request import make_request
+
+from . import shapes
 
 
 @pytest.mark.parametrize(
@@ -67,6 +70,16 @@ def test_wrong_targets_are_named(text: str) -> None:
         ({"targets": ["bit"] * 9}, "targets"),
         ({"targets": ["bit"], "color": "base_color:u8"}, "targets"),
         ({"targets": [Target(name="a"), Target(name="a")]}, "targets"),
+        ({"resolution": "x"}, "resolution"),
+        ({"resolution": [8]}, "resolution"),
+        ({"padding": "1"}, "padding"),
+        ({"padding": -1}, "padding"),
+        ({"like": "solid"}, "like"),
+        ({"dims": 3, "origin": (0, 0, 0), "voxel_size": 1}, "dims"),
+        ({"targets": 7}, "targets"),
+        ({"targets": ["bit", None]}, "targets"),
+        ({"shader": 7}, "shader"),
+        ({"vertex_shader": 7}, "vertex_shader"),
     ],
 )
 def test_wrong_options_are_named(options: dict[str, Any], field: str) -> None:
@@ -77,9 +90,57 @@ def test_wrong_options_are_named(options: dict[str, Any], field: str) -> None:
     assert isinstance(caught.value, ValueError)
 
 
-def test_an_unknown_option_is_a_type_error() -> None:
-    with pytest.raises(TypeError, match="resolutoin"):
-        make_request(resolutoin=3)  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    "keyword, value, hint",
+    [
+        ("resolutoin", 3, "did you mean resolution="),
+        ("resolutoin", "bit", "did you mean resolution="),
+        ("shaders", "normal", "did you mean shader="),
+        ("dim", "bit", "did you mean dims="),
+        ("target", "u8:max", "use targets="),
+        ("axes", "x,-z,y", "vertex_shader="),
+        ("preview", "out.png", "save("),
+        ("threads", 2, "only the command line"),
+        ("timeout", "bit", "no such option"),
+        ("colour", 3, "takes a Target or a text"),
+    ],
+)
+def test_a_keyword_that_is_no_option_becomes_no_target(keyword: str, value: Any, hint: str) -> None:
+    with pytest.raises(UnknownOption) as caught:
+        make_request(**{keyword: value})
+    assert isinstance(caught.value, TypeError) and isinstance(caught.value, InvalidRequest)
+    assert caught.value.field == keyword and keyword in caught.value.message and hint in caught.value.message
+
+
+@pytest.mark.parametrize(
+    "name",
+    "bits color colour depth heat mask material normal position uv occupancy constant triangle_id barycentric "
+    "geometric_normal packed_normal base_color emissive metallic_roughness material_id mesh_id tangent attribute "
+    "velocity coverage_fraction checker".split(),
+)
+def test_usual_names_of_targets_are_no_mistaken_options(name: str) -> None:
+    assert make_request(**{name: "normal:f32"}).targets[-1].name == name  # type: ignore[arg-type]
+    assert make_request(targets=[Target(name="preview")]).targets[0].name == "preview"
+
+
+def test_a_wrong_target_by_keyword_names_the_keyword() -> None:
+    with pytest.raises(InvalidRequest, match="^heat: is no option, so it names a target, but .*'a b' is no shader"):
+        make_request(heat="a b")
+
+
+@pytest.mark.parametrize("timeout", ["x", "3", True, float("nan"), [1]])
+def test_a_timeout_that_is_no_number_is_named(timeout: Any) -> None:
+    calls: list[Callable[[], Any]] = [
+        lambda: voxelpipe.voxelize(b"", timeout=timeout),
+        lambda: voxelpipe.Client("localhost:1", timeout=timeout),
+        lambda: voxelpipe.AsyncClient("localhost:1", timeout=timeout),
+        lambda: voxelpipe.Client("localhost:1").estimate(shapes.cube(), timeout=timeout),
+        lambda: voxelpipe.Client("localhost:1").voxelize_many([], timeout=timeout),
+    ]
+    for call in calls:
+        with pytest.raises(InvalidRequest, match="^timeout: .* is no number of seconds") as caught:
+            call()
+        assert caught.value.field == "timeout"
 
 
 def test_the_default_is_one_bit_at_128() -> None:

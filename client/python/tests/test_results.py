@@ -6,7 +6,7 @@ import json
 import pathlib
 import pickle
 import subprocess
-from typing import Any
+from typing import Any, Callable
 
 import numpy
 import pytest
@@ -23,6 +23,15 @@ TARGETS: dict[str, Any] = {
     "normal": "normal:f32",
     "ids": "triangle_id:u32",
 }
+
+
+@pytest.mark.parametrize("result", ["dense", "sparse"])
+def test_a_missing_target_is_an_error_that_lists_the_targets(client: Client, result: Any) -> None:
+    grid = client.voxelize(shapes.cube(), resolution=4, result=result, ids="triangle_id:u32")
+    sought: list[Callable[[], Any]] = [lambda: grid["colour"], lambda: grid.dense("colour")]
+    for look in sought:
+        with pytest.raises(KeyError, match="no 'colour'; its targets are: mask, ids"):
+            look()
 
 
 def test_arrays_are_writable_contiguous_and_owned(client: Client, ball: shapes.Triangles) -> None:

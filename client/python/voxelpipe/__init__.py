@@ -28,6 +28,7 @@ from .errors import (
     TooLarge,
     Unauthenticated,
     Unavailable,
+    UnknownOption,
     VoxelpipeError,
 )
 from ._mesh.forms import MeshFile, load_mesh
@@ -73,6 +74,7 @@ __all__ = [
     "TooLarge",
     "Unauthenticated",
     "Unavailable",
+    "UnknownOption",
     "VoxelGrid",
     "VoxelpipeError",
     "default_client",

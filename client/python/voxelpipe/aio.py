@@ -30,7 +30,7 @@ from .errors import MeshNotFound, VoxelpipeError
 from .grid import VoxelGrid
 from .place import GridPlace
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
-from .request import ShaderLike, TargetLike, make_request
+from .request import ShaderLike, TargetLike, checked_timeout, make_request
 
 _QUICK_S = 10.0
 _Result = TypeVar("_Result")
@@ -63,7 +63,7 @@ class AsyncClient:
             token=token,
             token_file=os.fspath(token_file),
             tls=Tls() if tls is True else tls or None,
-            timeout=timeout,
+            timeout=checked_timeout(timeout),
             retries=retries,
             max_result_bytes=max_result_bytes,
             plaintext_token=plaintext_token,
@@ -253,7 +253,7 @@ class AsyncClient:
     # ---- calls ----
 
     def _deadline(self, timeout: float | None) -> Deadline:
-        return Deadline(self._options.timeout if timeout is None else timeout)
+        return Deadline(self._options.timeout if timeout is None else checked_timeout(timeout))
 
     async def _again(self, deadline: Deadline, call: Callable[[float | None], Awaitable[_Result]]) -> _Result:
         retries = Retries(self._options.retries, deadline)

@@ -13,7 +13,7 @@ from .client import Client, MeshHandle
 from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
 from .place import GridPlace
-from .request import ShaderLike, TargetLike, make_request
+from .request import ShaderLike, TargetLike, checked_timeout, make_request
 
 _lock = threading.Lock()
 _clients: dict[str, Client] = {}
@@ -92,7 +92,9 @@ def voxelize(
 
     targets: up to 8: Target objects or texts, "SHADER:FORMAT[xC][:BLEND][:key=value,...]" or as the command line writes
         them; default: bits of occupancy. Or by keyword, which names them in the result: color="base_color:srgb8"; then
-        the bits of occupancy come first, as "mask". shader: of the targets that name none.
+        the bits of occupancy come first, as "mask". A keyword that is an option of the command line (axes, preview,
+        target, ...) or close to an option of this call (shaders) is refused; targets=[Target(name=...)] takes any name.
+    shader: of the targets that name none.
     vertex_shader: such as "transform:matrix=..." or Shader("skin", {"time": 0.5}).
     result: "dense", "sparse" (the occupied bricks of 8x8x8 voxels) or "buckets" (all fragments of each voxel).
     layout: "planar": components first. packed_bits: bits stay eight a byte. compression: "zstd" on the way.
@@ -103,8 +105,9 @@ def voxelize(
         is installed, else a local voxelpiped, started once. The bytes are the same.
     timeout: seconds, retries included; None: 600. progress: callable(stage, fraction, bytes), or True for tqdm's bar.
 
-    Out: a VoxelGrid. Errors: InvalidRequest, InvalidMesh, TooLarge, Overloaded, Unavailable, DeadlineExceeded and the
-    others of voxelpipe.errors; OSError for files. Ctrl-C cancels the call.
+    Out: a VoxelGrid. Errors: InvalidRequest (UnknownOption, a TypeError too, for a wrong keyword), InvalidMesh,
+    TooLarge, Overloaded, Unavailable, DeadlineExceeded and the others of voxelpipe.errors; OSError for files. Ctrl-C
+    cancels the call.
     """
     request = make_request(
         resolution=resolution,
@@ -129,6 +132,7 @@ def voxelize(
         strict=strict,
         **named,
     )
+    timeout = checked_timeout(timeout)
     inside = server is None and not os.environ.get("VOXELPIPE_SERVER") and not isinstance(mesh, MeshHandle)
     if inside and in_process.available():
         return in_process.run(Job(request, load_mesh(mesh)), timeout, progress)

@@ -21,7 +21,7 @@ from .errors import DataLoss, MeshNotFound, VoxelpipeError
 from .grid import VoxelGrid
 from .place import GridPlace
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
-from .request import Request, ShaderLike, TargetLike, make_request
+from .request import Request, ShaderLike, TargetLike, checked_timeout, make_request
 
 _QUICK_S = 10.0
 _Result = TypeVar("_Result")
@@ -87,7 +87,7 @@ class Client:
                 token=token,
                 token_file=os.fspath(token_file),
                 tls=Tls() if tls is True else tls or None,
-                timeout=timeout,
+                timeout=checked_timeout(timeout),
                 retries=retries,
                 max_result_bytes=max_result_bytes,
                 plaintext_token=plaintext_token,
@@ -230,7 +230,7 @@ class Client:
         """
         if errors not in ("raise", "return"):
             raise ValueError(f"errors: '{errors}' is neither raise nor return")
-        timeout = options.pop("timeout", None)
+        timeout = checked_timeout(options.pop("timeout", None))
         request = make_request(**options)
         return Many(self, self._connection, request, in_flight, errors == "return", timeout).results(meshes)
 
@@ -300,7 +300,7 @@ class Client:
         return self._max_message_bytes
 
     def _deadline(self, timeout: float | None) -> Deadline:
-        return Deadline(self._connection.options.timeout if timeout is None else timeout)
+        return Deadline(self._connection.options.timeout if timeout is None else checked_timeout(timeout))
 
     def _quick(self, name: str, request: Any) -> bytes:
         data = request.SerializeToString()

@@ -49,6 +49,13 @@ class InvalidRequest(VoxelpipeError, ValueError):
         self.field = field
 
 
+class UnknownOption(InvalidRequest, TypeError):
+    """INVALID_ARGUMENT: a keyword is no option of the call, and names no target. field: the keyword."""
+
+    def __init__(self, message: str, field: str) -> None:
+        super().__init__(message, field=field)
+
+
 class InvalidMesh(InvalidRequest):
     """INVALID_ARGUMENT: the mesh is wrong. field: the part of the file at fault: "glTF: mesh 0, primitive 0"."""
 

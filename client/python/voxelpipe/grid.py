@@ -58,7 +58,12 @@ class VoxelGrid:
         return self[self.targets[0].name]
 
     def __getitem__(self, name: str) -> Array:
-        """The array of a target. Bits of a packed result are unpacked into a new array. Errors: KeyError."""
+        """The array of a target. Bits of a packed result are unpacked into a new array.
+
+        Errors: KeyError that lists the targets, as in every method that takes the name of a target.
+        """
+        if name not in self.stored:
+            raise KeyError(self._no_target(name))
         stored = self.stored[name]
         if self.packed_bits and self._target(name).format == "bit":
             return self._unpacked(stored)
@@ -68,8 +73,7 @@ class VoxelGrid:
         if name.startswith("_") or name in _FIELDS:
             raise AttributeError(name)
         if name not in self.stored:
-            known = ", ".join(self.stored)
-            raise AttributeError(f"a VoxelGrid has no '{name}'; its targets are: {known}")
+            raise AttributeError(self._no_target(name))
         return self[name]
 
     def __dir__(self) -> Iterator[str]:
@@ -141,6 +145,8 @@ class VoxelGrid:
         if self.kind == "dense":
             array = self[name]
             return numpy.moveaxis(array, 0, -1) if self.layout == "planar" and array.ndim == 4 else array
+        if name not in self.stored:
+            raise KeyError(self._no_target(name))
         ijk, values = self.sparse()
         listed = values[name]
         array = numpy.full((*self.place.shape, *listed.shape[1:]), self._target(name).clear, listed.dtype)
@@ -238,6 +244,9 @@ class VoxelGrid:
         ) and all(_same_bytes(self.lists[name], other.lists[name]) for name in self.lists)
 
     __hash__ = None  # type: ignore[assignment]
+
+    def _no_target(self, name: object) -> str:
+        return f"a VoxelGrid has no {name!r}; its targets are: {', '.join(self.stored)}"
 
     def _target(self, name: str) -> Target:
         return next(target for target in self.targets if target.name == name)

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, Mapping, Sequence, Union, get_args
 from . import names
 from ._proto.voxelpipe.v1 import types_pb2 as types
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from .errors import InvalidRequest
+from .errors import InvalidRequest, UnknownOption
+from .keywords import check_target_names
+from .place import GridPlace
 from .targets import Shader, Target
 
 if TYPE_CHECKING:
     from .grid import VoxelGrid
-    from .place import GridPlace
 
 TargetLike = Union[Target, str]
 ShaderLike = Union[Shader, str]
@@ -58,9 +59,26 @@ def _per_axis(value: Any, field: str) -> tuple[float, float, float]:
 
 
 def _whole(value: Any, field: str) -> int:
-    if isinstance(value, bool) or int(value) != value:
-        raise InvalidRequest(f"{field}: {value!r} is no whole number", field=field)
-    return int(value)
+    try:
+        whole = int(value)
+        if not isinstance(value, (bool, str)) and whole == value:
+            return whole
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InvalidRequest(f"{field}: {value!r} is no whole number", field=field)
+
+
+def checked_timeout(value: Any) -> float | None:
+    """A `timeout` as seconds; None stays. Errors: InvalidRequest if it is no number."""
+    if value is None:
+        return None
+    try:
+        seconds = float(value) if not isinstance(value, (bool, str)) else math.nan
+    except (TypeError, ValueError, OverflowError):
+        seconds = math.nan
+    if math.isnan(seconds):
+        raise InvalidRequest(f"timeout: {value!r} is no number of seconds", field="timeout")
+    return seconds
 
 
 def _choice(enum: Any, prefix: str, value: str, allowed: Any, field: str) -> Any:
@@ -82,6 +100,8 @@ def _grid(
         if any(value is not None for value in (resolution, voxel_size, dims, origin)) or padding:
             raise InvalidRequest("like: gives the whole grid; leave out the other options of the grid", field="like")
         place = getattr(like, "place", like)
+        if not isinstance(place, GridPlace):
+            raise InvalidRequest(f"like: {like!r} is neither a VoxelGrid nor a GridPlace", field="like")
         voxel_size, dims, origin = place.voxel_size, place.dims, place.origin_corner
     if resolution is not None and voxel_size is not None:
         raise InvalidRequest("resolution: cannot be given together with voxel_size", field="resolution")
@@ -90,6 +110,8 @@ def _grid(
         raise InvalidRequest(f"{missing}: dims and origin are given together", field=missing)
     if dims is not None and voxel_size is None:
         raise InvalidRequest("voxel_size: is needed with dims and origin", field="voxel_size")
+    if _whole(padding, "padding") < 0:
+        raise InvalidRequest(f"padding: {padding!r} is below 0", field="padding")
     grid = types.GridRequest(padding=_whole(padding, "padding"))
     grid.fit = _choice(types.GridFit, "GRID_FIT", fit, names.Fit, "fit")
     if voxel_size is None:
@@ -102,7 +124,7 @@ def _grid(
         raise InvalidRequest(f"voxel_size: {voxel_size!r} is not above 0", field="voxel_size")
     grid.voxel_size.CopyFrom(types.Vec3(x=x, y=y, z=z))
     if dims is not None and origin is not None:
-        if len(dims) != 3:
+        if not hasattr(dims, "__len__") or len(dims) != 3:
             raise InvalidRequest(f"dims: {dims!r} are not three numbers: x, y, z", field="dims")
         sizes = [_whole(axis, "dims") for axis in dims]
         if min(sizes) < 1:
@@ -113,8 +135,29 @@ def _grid(
     return grid
 
 
-def _shader(shader: ShaderLike | None) -> Shader | None:
+def _shader(shader: ShaderLike | None, field: str) -> Shader | None:
+    if shader is not None and not isinstance(shader, (Shader, str)):
+        raise InvalidRequest(f"{field}: {shader!r} is neither a Shader nor a text", field=field)
     return Shader.parse(shader) if isinstance(shader, str) else shader
+
+
+def _listed(targets: Any) -> list[TargetLike]:
+    listed = list(targets) if hasattr(targets, "__iter__") else [targets]
+    for target in listed:
+        if not isinstance(target, (str, Target)):
+            raise InvalidRequest(f"targets: {target!r} is neither a Target nor a text", field="targets")
+    return listed
+
+
+def _named(name: str, target: TargetLike) -> Target:
+    if not isinstance(target, str):
+        return dataclasses.replace(target, name=name)
+    try:
+        return Target.parse(target, name)
+    except InvalidRequest as error:
+        raise InvalidRequest(
+            f"{name}: is no option, so it names a target, but {error.message}", field=error.field
+        ) from None
 
 
 def _targets(
@@ -125,13 +168,14 @@ def _targets(
 ) -> tuple[Target, ...]:
     if isinstance(targets, (str, Target)):
         targets = [targets]
+    if targets is not None:
+        targets = _listed(targets)
     if targets is not None and named:
         raise InvalidRequest("targets: cannot be given together with targets by keyword", field="targets")
     if named:
         listed = [] if "mask" in named or result == "buckets" else [Target(name="mask")]
         for name, target in named.items():
-            made = Target.parse(target, name) if isinstance(target, str) else dataclasses.replace(target, name=name)
-            listed.append(made)
+            listed.append(_named(name, target))
         if listed[0].name == "mask" and listed[0].shader is None:
             listed[0] = dataclasses.replace(listed[0], shader=Shader("occupancy"))
     elif targets is None:
@@ -175,11 +219,16 @@ def make_request(
     strict: bool = False,
     **named: TargetLike,
 ) -> Request:
-    """The request that these options describe (see voxelize()). Errors: InvalidRequest naming the option."""
+    """The request that these options describe (see voxelize()).
+
+    Errors: InvalidRequest naming the option; UnknownOption, a TypeError too, for a keyword that is none.
+    """
+    if named:
+        check_target_names(named, make_request.__kwdefaults__)
     for name, target in named.items():
         if not isinstance(target, (str, Target)):
-            raise TypeError(f"'{name}' is no option of a request; as the name of a target it takes a Target or a text")
-    default_shader = _shader(shader)
+            raise UnknownOption(f"{name}: is no option; as the name of a target it takes a Target or a text", name)
+    default_shader = _shader(shader, "shader")
     listed = _targets(targets, named, default_shader, result)
     config = service.VoxelizeConfig(
         grid=_grid(resolution, voxel_size, dims, origin, like, fit, padding),
@@ -194,7 +243,7 @@ def make_request(
         without_content_hash=not content_hash,
         strict=strict,
     )
-    vertex = _shader(vertex_shader)
+    vertex = _shader(vertex_shader, "vertex_shader")
     if vertex is not None:
         config.vertex_shader.CopyFrom(vertex.to_message())
     return Request(config, listed, packed_bits, content_hash)
