@@ -14,10 +14,10 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
+#include "job_threads.h"
 #include "load/load_mesh.h"
 #include "mesh/report.h"
 #include "pipeline/voxelize.h"
@@ -148,12 +148,12 @@ py::tuple Run(const std::string& config_bytes, const py::buffer& mesh, std::opti
     std::mutex mutex;
     std::condition_variable ended;
     bool done = false;
-    std::thread worker([&] {
-      outcome = Voxelize(*config, file, job);
-      const std::lock_guard lock(mutex);
-      done = true;
-      ended.notify_one();
-    });
+    RunOnJobThread([&] { outcome = Voxelize(*config, file, job); },
+                   [&] {
+                     const std::lock_guard lock(mutex);
+                     done = true;
+                     ended.notify_one();
+                   });
     std::unique_lock lock(mutex);
     while (!ended.wait_for(lock, kPoll, [&] { return done; })) {
       if (interrupted) continue;
@@ -165,8 +165,6 @@ py::tuple Run(const std::string& config_bytes, const py::buffer& mesh, std::opti
       if (interrupted) job.Cancel();
       lock.lock();
     }
-    lock.unlock();
-    worker.join();
   }
   if (interrupted) throw py::error_already_set();
   if (raised) throw std::move(*raised);

@@ -129,6 +129,38 @@ def test_other_threads_run_meanwhile() -> None:
     assert len(during) >= min(5.0, (end - begin) / 0.1), "the GIL was held"
 
 
+def test_calls_one_after_the_other_run_on_one_thread(ball: shapes.Triangles) -> None:
+    # A new thread has no memory yet: each call took a third longer, to map and clear its pages.
+    ran_on: set[int] = set()
+    for _ in range(5):
+        voxelpipe.voxelize(ball, resolution=16, progress=lambda *_: ran_on.add(threading.get_native_id()))
+    assert len(ran_on) == 1 and threading.get_native_id() not in ran_on
+
+
+def test_calls_of_several_threads_run_at_the_same_time(ball: shapes.Triangles) -> None:
+    expected = voxelpipe.voxelize(ball, resolution=16)
+    together = threading.Barrier(4)
+    grids: list[voxelpipe.VoxelGrid] = []
+
+    def call() -> None:
+        first = True
+
+        def meet(*_: object) -> None:
+            nonlocal first
+            if first:
+                first = False
+                together.wait(30)  # BrokenBarrierError unless all jobs are running
+
+        grids.append(voxelpipe.voxelize(ball, resolution=16, progress=meet))
+
+    callers = [threading.Thread(target=call) for _ in range(4)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    assert len(grids) == 4 and all(grid == expected for grid in grids)
+
+
 def script(code: str, folder: pathlib.Path) -> "subprocess.Popen[str]":
     """A process of its own, without a server's address."""
     (folder / "client_tests").symlink_to(pathlib.Path(__file__).parent)
@@ -165,6 +197,28 @@ def test_ctrl_c_ends_the_job_soon(tmp_path: pathlib.Path) -> None:
     output, errors = process.communicate(timeout=60)
     assert output.startswith("interrupted "), (output, errors)
     assert float(output.split()[1]) - sent < 5  # far less, but for a busy machine
+
+
+def test_a_forked_child_waits_for_no_thread_of_its_parent(tmp_path: pathlib.Path) -> None:
+    process = script(
+        """
+        import os, voxelpipe
+        from voxelpipe._calls import in_process
+        from voxelpipe._calls.session import Job
+        from voxelpipe.request import make_request
+        from client_tests import shapes
+        mesh = voxelpipe.load_mesh(shapes.TETRAHEDRON)
+        first = voxelpipe.voxelize(mesh, resolution=12)
+        child = os.fork()
+        if child == 0:
+            same = in_process.run(Job(make_request(resolution=12), mesh), 30, None) == first
+            os._exit(0 if same else 3)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+        """,
+        tmp_path,
+    )
+    output, errors = process.communicate(timeout=60)
+    assert output == "0\n", errors
 
 
 def test_a_forked_child_takes_a_server(tmp_path: pathlib.Path) -> None:
