@@ -10,6 +10,7 @@
 #include "base/checked.h"
 #include "base/limit_error.h"
 #include "base/machine.h"
+#include "base/text.h"
 
 namespace voxelpipe {
 namespace {
@@ -32,9 +33,9 @@ absl::Status MemoryBudget::TakeBelow(uint64_t limit, uint64_t bytes, std::string
     if (!checked || *checked > limit) {
       // A product that overflowed arrives as UINT64_MAX, which is not printed.
       const bool counted = checked && bytes < std::numeric_limits<uint64_t>::max();
-      const std::string need = counted ? absl::StrCat(bytes) : "more than 2^63";
-      return MakeLimitError(absl::StrCat(View(what), " needs ", need, " bytes of memory beside ", used,
-                                         " in use; the limit is ", limit, " bytes"),
+      const std::string need = counted ? BytesText(bytes) : "more than 2^63 bytes";
+      return MakeLimitError(absl::StrCat(View(what), " needs ", need, " of memory beside ", BytesText(used),
+                                         " in use; the limit is ", BytesText(limit)),
                             {.need_bytes = counted ? *checked : 0, .limit_bytes = limit});
     }
     sum = *checked;

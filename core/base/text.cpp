@@ -1,6 +1,7 @@
 #include "base/text.h"
 
 #include <cstdint>
+#include <cstdio>
 
 namespace voxelpipe {
 namespace {
@@ -52,6 +53,23 @@ std::string CleanText(std::string_view text, size_t max_bytes) {
 
 std::string ErrorText(const absl::Status& status) {
   return CleanText({status.message().data(), status.message().size()}, kMaxErrorBytes);
+}
+
+std::string BytesText(uint64_t bytes) {
+  const std::string exact = std::to_string(bytes) + " bytes";
+  constexpr uint64_t kMiB = uint64_t{1} << 20;
+  if (bytes < kMiB) return exact;
+  double value = double(bytes) / double(kMiB);
+  const char* unit = "MiB";
+  for (const char* larger : {"GiB", "TiB", "PiB", "EiB"}) {
+    if (value < 1024) break;
+    value /= 1024;
+    unit = larger;
+  }
+  char text[32];
+  const bool whole = value == double(uint64_t(value));
+  std::snprintf(text, sizeof text, whole ? "%.0f %s" : "%.1f %s", value, unit);
+  return text + (" (" + exact + ")");
 }
 
 }  // namespace voxelpipe

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <string_view>
 
@@ -17,5 +18,8 @@ std::string CleanText(std::string_view text, size_t max_bytes);
 inline constexpr size_t kMaxErrorBytes = 1000;
 // The sanitized message of an error, at most kMaxErrorBytes: what users see, in-process and from a server.
 std::string ErrorText(const absl::Status& status);
+
+// "1000 bytes"; from 1 MiB on also in a larger unit: "5.3 GiB (5694653072 bytes)".
+std::string BytesText(uint64_t bytes);
 
 }  // namespace voxelpipe

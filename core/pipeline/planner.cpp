@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/limit_error.h"
+#include "base/text.h"
 #include "pipeline/plan/footprint.h"
 #include "pipeline/stages/backend.h"
 
@@ -107,13 +108,15 @@ TimeClass GuessTime(const Plan& plan, uint64_t triangles) {
 
 absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, bool of_results, uint64_t need_bytes,
                           double scale) {
+  const VoxelizeRequest& request = input.request;
   const PlanLimits& limits = input.limits;
+  const Delivery delivery = input.delivery;
   const FittingGrid fitting(input, scale);
   LimitError error;
   error.need_bytes = need_bytes < kBeyondCount ? need_bytes : 0;
   error.limit_bytes = of_results ? limits.max_result_bytes : limits.max_working_bytes;
   std::string hint;
-  if (!input.request.grid.voxel_size) {
+  if (!request.grid.voxel_size) {
     error.largest_resolution = fitting.LargestResolution();
     hint = error.largest_resolution > 0 ? absl::StrCat("the largest resolution that fits is ", error.largest_resolution)
                                         : "no resolution fits";
@@ -128,12 +131,16 @@ absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, bool of_
     hint = "no voxel size fits";
   }
   if (!fitting.stopped().ok()) return fitting.stopped();
-  const std::string need = need_bytes < kBeyondCount
-                               ? absl::StrCat(scale > 1 ? "at least " : "", need_bytes, " bytes of ")
-                               : "more than 2^63 bytes of ";
+  const std::string need = need_bytes < kBeyondCount ? absl::StrCat(scale > 1 ? "at least " : "", BytesText(need_bytes))
+                                                     : "more than 2^63 bytes";
+  const std::string what = of_results ? "results" : "memory";
+  // Why the same grid may pass where its result is handed on in slabs.
+  const bool whole = !of_results && delivery == Delivery::kMemory && request.result == ResultKind::kDense;
+  const std::string of_limit = of_results ? "" : std::string(limits.working_limit_is);
   return MakeLimitError(
-      absl::StrCat("grid ", grid.dims[0], "x", grid.dims[1], "x", grid.dims[2], " needs ", need,
-                   of_results ? "results" : "memory", ", the limit is ", error.limit_bytes, "; ", hint),
+      absl::StrCat("grid ", grid.dims[0], "x", grid.dims[1], "x", grid.dims[2], " needs ", need, " of ", what,
+                   whole ? ", where its whole result is held" : "", "; the limit of ", what, " is ",
+                   BytesText(error.limit_bytes), of_limit.empty() ? "" : ", ", of_limit, "; ", hint),
       error);
 }
 

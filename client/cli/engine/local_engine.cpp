@@ -14,10 +14,7 @@ class LocalEngine : public Engine {
                                 ResultSink& sink, VoxelizeResult* whole) override {
     absl::StatusOr<LoadedMesh> loaded = LoadMeshInput(std::move(mesh), TexturesRead(request), job);
     if (!loaded.ok()) return loaded.status();
-    PlanLimits limits;  // less the memory of the mesh
-    const MemoryBudget& memory = MemoryOf(job);
-    limits.max_working_bytes =
-        std::min(limits.max_working_bytes, memory.limit_bytes() - std::min(memory.limit_bytes(), memory.used_bytes()));
+    const PlanLimits limits = LimitsInProcess(job);
     EngineRun run;
     run.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
     if (repeat == 1 && whole == nullptr) {

@@ -69,10 +69,7 @@ absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uin
     } else {
       outcome.report = BoxReport(loaded->mesh);
     }
-    PlanLimits limits;  // less the memory of the mesh
-    const MemoryBudget& memory = MemoryOf(job);
-    limits.max_working_bytes =
-        std::min(limits.max_working_bytes, memory.limit_bytes() - std::min(memory.limit_bytes(), memory.used_bytes()));
+    const PlanLimits limits = LimitsInProcess(job);
     absl::StatusOr<VoxelizeResult> result = voxelpipe::Voxelize(loaded->mesh, request, {job, limits});
     if (!result.ok()) return result.status();
     outcome.result = *std::move(result);

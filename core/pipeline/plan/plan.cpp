@@ -141,4 +141,15 @@ absl::Status ValidateRequest(const VoxelizeRequest& request) {
   return absl::OkStatus();
 }
 
+PlanLimits LimitsInProcess(const JobContext& job) {
+  PlanLimits limits;
+  const MemoryBudget& memory = MemoryOf(job);
+  const uint64_t left = memory.limit_bytes() - std::min(memory.limit_bytes(), memory.used_bytes());
+  if (left >= limits.max_working_bytes) return limits;
+  limits.max_working_bytes = left;
+  limits.working_limit_is = job.memory() == nullptr ? "half of this machine's memory, less the mesh"
+                                                    : "what the job's budget has left beside the mesh";
+  return limits;
+}
+
 }  // namespace voxelpipe

@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <string>
+#include <string_view>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "grid/grid_spec.h"
 #include "job/request.h"
 #include "pipeline/plan/surface.h"
@@ -21,7 +23,12 @@ struct PlanLimits {
   uint64_t max_working_bytes = 20ull << 30;  // predicted peak: result, coverage bits, tiles, shaded vertices
   uint64_t slab_bytes = 512ull << 20;        // streamed dense results: what one slab's targets and bits may take
   int64_t slab_depth = 0;                    // layers a slab, rounded up to a multiple of 8; 0 = the plan's choice
+  std::string_view working_limit_is = {};    // in errors, after max_working_bytes: where this figure comes from
 };
+
+// The limits of a job in this process whose mesh is loaded and charged to MemoryOf(job): those above, and of the working
+// memory what the budget has left.
+PlanLimits LimitsInProcess(const JobContext& job);
 
 // How a result leaves.
 enum class Delivery : uint8_t {

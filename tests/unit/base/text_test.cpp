@@ -32,5 +32,14 @@ TEST(CleanTextTest, CutsAtACharacter) {
   EXPECT_EQ(CleanText("abcdefgh", 2), "..");
 }
 
+TEST(TextTest, BytesAreExactAndFromAMebibyteOnReadable) {
+  EXPECT_EQ(BytesText(1000), "1000 bytes");
+  EXPECT_EQ(BytesText((1 << 20) - 1), "1048575 bytes");
+  EXPECT_EQ(BytesText(1 << 20), "1 MiB (1048576 bytes)");
+  EXPECT_EQ(BytesText(5694653072), "5.3 GiB (5694653072 bytes)");
+  EXPECT_EQ(BytesText(uint64_t{16} << 30), "16 GiB (17179869184 bytes)");
+  EXPECT_EQ(BytesText(UINT64_MAX), "16 EiB (18446744073709551615 bytes)");
+}
+
 }  // namespace
 }  // namespace voxelpipe

@@ -12,6 +12,7 @@ namespace {
 
 using namespace testing;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 std::string Message(const absl::Status& status) {
   return std::string(status.message());
@@ -85,13 +86,32 @@ TEST(VoxelizeTest, RefusesWhatDoesNotFitAndSaysWhatWould) {
   limits.max_result_bytes = 1000;
   const absl::Status s = RunError(Cube(1), request, limits);
   EXPECT_EQ(s.code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_THAT(Message(s), HasSubstr("needs 125000000 bytes"));
-  EXPECT_THAT(Message(s), HasSubstr("the limit is 1000"));
+  EXPECT_THAT(Message(s), HasSubstr("needs 119.2 MiB (125000000 bytes) of results;"));
+  EXPECT_THAT(Message(s), HasSubstr("the limit of results is 1000 bytes;"));
   EXPECT_THAT(Message(s), HasSubstr("the largest resolution that fits is 20"));  // 20^3 bits are 1000 bytes
   request.grid.resolution = 20;
   EXPECT_TRUE(RunError(Cube(1), request, limits).ok());
   request.grid.resolution = 21;
   EXPECT_FALSE(RunError(Cube(1), request, limits).ok());
+}
+
+TEST(VoxelizeTest, ARefusalForMemorySaysWhichLimitItIsAndWhereItComesFrom) {
+  MemoryBudget budget(8 << 20);
+  JobContext job;
+  job.set_memory(&budget);
+  ASSERT_TRUE(budget.Take(1 << 20, "mesh").ok());
+  const PlanLimits limits = LimitsInProcess(job);
+  EXPECT_EQ(limits.max_result_bytes, PlanLimits().max_result_bytes);
+  EXPECT_EQ(limits.max_working_bytes, 7u << 20);
+  VoxelizeRequest request;
+  request.grid.resolution = 1000;
+  const std::string whole = Message(Voxelize(Cube(1), request, {job, limits}).status());
+  EXPECT_THAT(whole, HasSubstr(" of memory, where its whole result is held; the limit of memory is 7 MiB (7340032 "
+                               "bytes), what the job's budget has left beside the mesh; the largest resolution"));
+  request.result = ResultKind::kSparse;
+  EXPECT_THAT(Message(Voxelize(Cube(1), request, {job, limits}).status()), Not(HasSubstr("whole result")));
+  budget.Give(1 << 20);
+  EXPECT_LE(LimitsInProcess(JobContext()).max_working_bytes, PlanLimits().max_working_bytes);
 }
 
 TEST(VoxelizeTest, CancelledAndExpiredJobsEnd) {
