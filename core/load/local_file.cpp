@@ -13,6 +13,7 @@
 #include <system_error>
 
 #include "absl/strings/str_cat.h"
+#include "base/text.h"
 
 namespace voxelpipe {
 namespace {
@@ -85,13 +86,13 @@ absl::StatusOr<FileBytes> ReadLocalFile(const fs::path& path, uint64_t max_bytes
   if (!S_ISREG(status.st_mode)) return absl::InvalidArgumentError("not a regular file");
   const auto size = uint64_t(status.st_size);
   if (size > max_bytes) {
-    return absl::ResourceExhaustedError(absl::StrCat(size, " bytes, the limit is ", max_bytes, " bytes"));
+    return absl::ResourceExhaustedError(absl::StrCat("has ", BytesText(size), "; the limit is ", BytesText(max_bytes)));
   }
   FileBytes bytes;
   try {
     bytes.resize(size);
   } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError(absl::StrCat("no memory for ", size, " bytes"));
+    return absl::ResourceExhaustedError(absl::StrCat("no memory for ", BytesText(size)));
   }
   const int descriptor = open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (descriptor < 0) return ReadError(errno);

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "absl/strings/str_cat.h"
+#include "base/limit_error.h"
 #include "base/memory_budget.h"
 #include "load/decode/glb_container.h"
 #include "load/gltf/document/gltf_buffers.h"
@@ -325,9 +326,14 @@ class Packer {
 
 absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits, WarningList* warnings,
                                               const OutsideFiles& outside) {
+  const auto named = [&path](const absl::Status& why) {
+    return WithText(why, absl::StrCat(path, ": ", std::string(why.message())));
+  };
   auto bytes = ReadLocalFile(path, limits.max_file_bytes);
-  if (!bytes.ok()) return bytes.status();
-  return PackMesh(*std::move(bytes), fs::path(path).parent_path(), limits, warnings, outside);
+  if (!bytes.ok()) return named(bytes.status());
+  auto packed = PackMesh(*std::move(bytes), fs::path(path).parent_path(), limits, warnings, outside);
+  if (!packed.ok()) return named(packed.status());
+  return packed;
 }
 
 absl::StatusOr<FileBytes> PackMesh(FileBytes bytes, const fs::path& directory, const LoadLimits& limits,

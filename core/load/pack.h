@@ -26,12 +26,12 @@ struct OutsideFiles {
 // symbolic links) are read unless `outside` allows others, percent-encoding is decoded, absolute paths and schemes are
 // refused. A missing image stays a URI, of which the loader warns if a shader reads it (geometry does not need it); a
 // missing buffer is an error. Errors: NOT_FOUND or INVALID_ARGUMENT, RESOURCE_EXHAUSTED past max_file_bytes, the
-// system's with their reason. They name the URI at fault; the caller adds `path`. `warnings`, if given, receives faults
+// system's with their reason. They begin with `path`, and name the URI at fault. `warnings`, if given, receives faults
 // that the packed bytes no longer show: a byte order mark and bytes after a GLB's end.
 absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {},
                                               WarningList* warnings = nullptr, const OutsideFiles& outside = {});
 
-// The same for a mesh in memory, in any of the formats; files that it names are searched in `directory` (empty: the
+// The same for a mesh in memory, in any of the formats, whose errors name the URI alone; files that it names are searched in `directory` (empty: the
 // working directory).
 absl::StatusOr<FileBytes> PackMesh(FileBytes bytes, const std::filesystem::path& directory,
                                    const LoadLimits& limits = {}, WarningList* warnings = nullptr,

@@ -63,7 +63,7 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
 // count, and an unknown shader.
 int OwnComponents(const TargetSpec& target);
 
-// The textures that the targets' shaders sample. If there are any, call PrepareTextures before the run.
+// The textures that the targets' shaders sample: LoadRequest::textures of a mesh that is loaded for this request.
 TextureUse TexturesRead(const VoxelizeRequest& request);
 // True if they sample any.
 bool RequestReadsTextures(const VoxelizeRequest& request);

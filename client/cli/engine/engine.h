@@ -46,7 +46,7 @@ struct MeshInput {
 };
 
 // In: the path of a mesh file, or "-" for standard input; siblings that such a glTF names are searched in the working
-// directory. Errors: those of ReadAndPackMeshFile and ReadStandardInput.
+// directory. Errors: those of ReadLocalFile, ReadStandardInput and PackMesh, without the path.
 absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const OutsideFiles& outside, const JobContext& job);
 
 // LoadMeshFor (load/load_mesh.h) in this process, with the textures in `use`; to read the file is part of load_ms.

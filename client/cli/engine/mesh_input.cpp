@@ -1,7 +1,9 @@
+#include <filesystem>
 #include <utility>
 
 #include "engine/clock.h"
 #include "engine/engine.h"
+#include "load/local_file.h"
 #include "options/standard_streams.h"
 
 namespace voxelpipe::cli {
@@ -9,10 +11,13 @@ namespace {
 
 absl::StatusOr<FileBytes> ReadAndPack(const std::string& path, const OutsideFiles& outside, WarningList& warnings,
                                       const JobContext& job) {
-  if (!IsStandardStream(path)) return ReadAndPackMeshFile(path, {}, &warnings, outside);
-  absl::StatusOr<FileBytes> bytes = ReadStandardInput(LoadLimits().max_file_bytes, job);
+  // Not ReadAndPackMeshFile, whose errors begin with the path: every message about an input does already.
+  const uint64_t limit = LoadLimits().max_file_bytes;
+  absl::StatusOr<FileBytes> bytes = IsStandardStream(path) ? ReadStandardInput(limit, job) : ReadLocalFile(path, limit);
   if (!bytes.ok()) return bytes.status();
-  return PackMesh(*std::move(bytes), "", {}, &warnings, outside);
+  const std::filesystem::path directory =
+      IsStandardStream(path) ? std::filesystem::path() : std::filesystem::path(path).parent_path();
+  return PackMesh(*std::move(bytes), directory, {}, &warnings, outside);
 }
 
 }  // namespace

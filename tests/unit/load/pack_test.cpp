@@ -137,7 +137,16 @@ TEST_F(PackTest, AFileThatCannotBeReadSaysWhyAndNamesItsUriOnce) {
   if (::geteuid() == 0) GTEST_SKIP() << "root reads everything";
   fs::permissions(root_ / "model" / "tri.bin", fs::perms::none);
   EXPECT_EQ(std::string(Pack(Gltf("tri.bin")).status().message()),
-            "buffer 0: URI 'tri.bin': cannot be read: Permission denied");
+            (root_ / "model" / "m.gltf").string() + ": buffer 0: URI 'tri.bin': cannot be read: Permission denied");
+}
+
+TEST_F(PackTest, ErrorsBeginWithThePathOnce) {
+  const std::string missing = (root_ / "none.glb").string();
+  EXPECT_EQ(std::string(ReadAndPackMeshFile(missing).status().message()), missing + ": no such file");
+  EXPECT_EQ(std::string(ReadAndPackMeshFile(root_.string()).status().message()),
+            root_.string() + ": not a regular file");
+  EXPECT_EQ(std::string(Pack(Gltf("none.bin")).status().message()),
+            (root_ / "model" / "m.gltf").string() + ": buffer 0: URI 'none.bin': no such file");
 }
 
 TEST_F(PackTest, OnlyRegularFilesAreRead) {
