@@ -93,6 +93,11 @@ class CudaStages final : public Stages {
     if (!arrays.ok()) return Checked(arrays.status());
     return arrays;
   }
+  absl::StatusOr<SlabArrays> FinishOnDevice() override {
+    absl::StatusOr<ResultArrays> arrays = KeepDense(state_);
+    if (!arrays.ok()) return Checked(arrays.status());
+    return SlabArrays(*std::move(arrays));
+  }
   std::string_view simd() const override { return "cuda"; }
   std::vector<std::string> Paths() const override {
     std::vector<std::string> paths;

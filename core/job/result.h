@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -53,9 +54,18 @@ struct ResultHeader {
   std::vector<ArraySpec> arrays;  // in stream order
 };
 
+// Bytes in a GPU's memory, for work of that GPU. `owner` frees them; no work may use them then.
+struct DeviceBuffer {
+  std::shared_ptr<void> owner;
+  void* data = nullptr;  // a device pointer
+  uint64_t size = 0;
+  int ordinal = 0;  // the device's CUDA ordinal
+};
+
 // The arrays themselves, of a whole result or of one slab.
 struct ResultArrays {
-  std::vector<HostBuffer> targets;  // one a spec, in format and layout
+  std::vector<HostBuffer> targets;           // one a spec, in format and layout
+  std::vector<DeviceBuffer> device_targets;  // in place of `targets`: see RunOptions::on_device
   // Index arrays, empty where the kind has none.
   HostBuffer bricks, masks;               // sparse
   HostBuffer voxels, offsets, triangles;  // buckets
@@ -63,6 +73,7 @@ struct ResultArrays {
   uint64_t bytes() const {
     uint64_t sum = bricks.size() + masks.size() + voxels.size() + offsets.size() + triangles.size();
     for (const HostBuffer& target : targets) sum += target.size();
+    for (const DeviceBuffer& target : device_targets) sum += target.size;
     return sum;
   }
 };

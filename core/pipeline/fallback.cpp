@@ -40,7 +40,8 @@ absl::StatusOr<VoxelizeResult> RunToMemory(const Backend& backend, const Triangl
                                            const VoxelizeRequest& request, const RunOptions& options) {
   MemoryAssembler assembler;
   VoxelizeStats stats;
-  const RunInput run{backend, mesh, request, options.job, options.limits, Delivery::kMemory, options.on_plan};
+  const RunInput run{backend,          mesh, request, options.job, options.limits, Delivery::kMemory, options.on_plan,
+                     options.on_device};
   if (absl::Status s = RunGuarded(run, options.inside, assembler, stats); !s.ok()) return s;
   VoxelizeResult result = assembler.Take();
   result.stats = std::move(stats);
@@ -56,7 +57,9 @@ absl::StatusOr<VoxelizeStats> RunToSink(const Backend& backend, const TriangleMe
     if (absl::Status s = RunGuarded(run, options.inside, assembler, stats); !s.ok()) return s;
     return stats;
   }
-  absl::StatusOr<VoxelizeResult> result = RunToMemory(backend, mesh, request, options);
+  RunOptions on_host = options;
+  on_host.on_device = false;
+  absl::StatusOr<VoxelizeResult> result = RunToMemory(backend, mesh, request, on_host);
   if (!result.ok()) return result.status();
   stats = std::move(result->stats);
   if (sink.Keep(*std::move(result))) return stats;
@@ -88,7 +91,7 @@ auto RunOnChosen(const VoxelizeRequest& request, const RunOptions& options, cons
   const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
   if (!backend.ok()) return backend.status();
   bool planned = false;
-  RunOptions once{.job = options.job, .limits = options.limits};
+  RunOptions once{.job = options.job, .limits = options.limits, .on_device = options.on_device};
   if (options.on_plan) {
     once.on_plan = [&](const Plan& plan) {
       return std::exchange(planned, true) ? absl::OkStatus() : options.on_plan(plan);

@@ -20,6 +20,7 @@ struct RunInput {
   const PlanLimits& limits;
   Delivery delivery;
   const PlanHook& on_plan;  // may be empty
+  bool on_device = false;   // see RunOptions
 };
 
 // The whole run, inside the backend's arena; in voxelize.cpp. Slabs go to `assembler`; counts, times and the warnings

@@ -41,12 +41,13 @@ absl::Status BucketSlab(Stages& stages, const Slab& slab, StageClock& clock) {
 }
 
 absl::StatusOr<MadeSlab> MakeSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab, bool counted,
-                                  StageClock& clock) {
+                                  bool on_device, StageClock& clock) {
   const bool buckets = request.result == ResultKind::kBuckets;
   absl::Status s = buckets ? BucketSlab(stages, slab, clock) : RasterizeSlab(stages, request, slab, clock);
   if (!s.ok()) return s;
   const SlabCounts counts = counted ? stages.Counts(clock) : SlabCounts();
-  absl::StatusOr<SlabArrays> arrays = clock(LastStage(request), [&] { return stages.Finish(); });
+  absl::StatusOr<SlabArrays> arrays =
+      clock(LastStage(request), [&] { return on_device ? stages.FinishOnDevice() : stages.Finish(); });
   if (!arrays.ok()) return arrays.status();
   return MadeSlab{*std::move(arrays), counts};
 }
@@ -82,7 +83,10 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
 
   lists.emplace(run.job.memory(), plan.list_bytes, planner.RoomBeyond(plan));
   stages.Begin(plan.grid, planned->surface, &*lists);
-  const auto make = [&](const Slab& slab, bool counted) { return MakeSlab(stages, request, slab, counted, clock); };
+  const auto make = [&](const Slab& slab, bool counted) {
+    const bool stays = run.on_device && request.result == ResultKind::kDense && slab.depth() == plan.grid.dims[2];
+    return MakeSlab(stages, request, slab, counted, stays, clock);
+  };
   const absl::Status s = SlabLoop(run, plan, *lists, clock, stats).Run(make, assembler);
   stats.path = stages.Paths();
   return IsRefusedBeyondPlan(s) ? planner.Explain(plan, lists->refused_bytes()) : s;

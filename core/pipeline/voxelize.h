@@ -26,6 +26,9 @@ struct RunOptions {
   // stats.device_failure report it, on_plan may have been called with the GPU's plan, and progress starts again.
   const Backend* backend = nullptr;
   bool inside = false;  // the caller is in backend->Run or RunEach already; ignored if `backend` is null
+  // Voxelize leaves a dense result of one slab that a GPU makes in that GPU's memory (ResultArrays::device_targets, the
+  // same bytes), with all work on it done. Any other result is in the host's memory.
+  bool on_device = false;
 };
 
 // In: a mesh in world space, a request. Where its shaders sample textures, the mesh has them if it was loaded with

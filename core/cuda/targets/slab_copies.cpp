@@ -2,6 +2,35 @@
 #include "cuda/targets/slab_copies.h"
 
 namespace voxelpipe::cuda {
+namespace {
+
+// An array that outlives its run, with a stream that orders its release.
+struct KeptArray {
+  DeviceUse use;  // destroyed last
+  DeviceArray<uint32_t> array;
+};
+
+}  // namespace
+
+absl::StatusOr<ResultArrays> KeepDense(RunState& state) {
+  std::vector<DeviceArray<uint32_t>> packed;
+  std::vector<DenseSource> sources;
+  VOXELPIPE_OK_OR_RETURN(PackDense(state, packed, sources));
+  ResultArrays out;
+  for (const DenseSource& source : sources) {
+    absl::StatusOr<DeviceUse> use = DeviceUse::Begin(state.device.ordinal);
+    if (!use.ok()) return use.status();
+    const auto kept = std::make_shared<KeptArray>(KeptArray{*std::move(use), {}});
+    const cudaStream_t stream = kept->use.stream();
+    VOXELPIPE_OK_OR_RETURN(kept->use.After(state.stream));
+    VOXELPIPE_OK_OR_RETURN(kept->array.Resize((source.bytes + 3) / 4, stream));
+    VOXELPIPE_CUDA_OR_RETURN(
+        cudaMemcpyAsync(kept->array.data(), source.from, source.bytes, cudaMemcpyDeviceToDevice, stream));
+    VOXELPIPE_CUDA_OR_RETURN(cudaStreamSynchronize(stream));
+    out.device_targets.push_back({kept, kept->array.data(), source.bytes, state.device.ordinal});
+  }
+  return out;
+}
 
 absl::StatusOr<SlabCopies> SlabCopies::Make(int ordinal) {
   absl::StatusOr<DeviceUse> use = DeviceUse::Begin(ordinal);

@@ -25,6 +25,10 @@ absl::Status PackDense(RunState& state, std::vector<DeviceArray<uint32_t>>& pack
 // after an error.
 absl::Status CopyDense(const std::vector<DenseSource>& sources, cudaStream_t stream, ResultArrays& out);
 
+// Copies the targets of the state's dense slab to memory of their own on the device (ResultArrays::device_targets).
+// Synchronizes.
+absl::StatusOr<ResultArrays> KeepDense(RunState& state);
+
 // Double buffering: copies run on a separate stream from one of two sets of the slab's arrays, while the stages fill
 // the other. They overlap only if the host memory is pinned. For one run; not thread-safe. The destructor waits for the
 // copies.

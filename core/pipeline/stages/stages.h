@@ -141,6 +141,8 @@ class Stages {
   // carry the numbers of the whole grid. Those of a slab that is not all may still be on their way: stages go on with
   // the next one meanwhile. What is returned must end before the Finish after the next.
   virtual absl::StatusOr<SlabArrays> Finish() = 0;
+  // The same for a dense slab that is the whole grid, whose arrays stay in the device's memory, if it has its own.
+  virtual absl::StatusOr<SlabArrays> FinishOnDevice() { return Finish(); }
 
   // Instruction set of the row kernels of this run.
   virtual std::string_view simd() const = 0;
