@@ -4,6 +4,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "encode/format_registry.h"
 #include "encode/png_preview.h"
 #include "encode/raw_description.h"
 #include "encode/result_file.h"
@@ -13,18 +14,21 @@ namespace voxelpipe {
 std::string FileExtension(std::string_view path) {
   const size_t slash = path.rfind('/');
   const std::string_view name = slash == std::string_view::npos ? path : path.substr(slash + 1);
-  const size_t dot = name.rfind('.');
-  if (dot == std::string_view::npos || dot == 0) return "";  // no dot, or a hidden file without an extension
-  return absl::AsciiStrToLower(std::string(name.substr(dot)));
+  const std::string lower = absl::AsciiStrToLower(std::string(name));
+  if (const std::string_view known = FormatExtensionOf(lower); !known.empty()) return std::string(known);
+  const size_t dot = lower.rfind('.');
+  if (dot == std::string::npos || dot == 0) return "";  // no dot, or a hidden file without an extension
+  return lower.substr(dot);
 }
 
 bool IsKnownExtension(std::string_view extension) {
-  return extension == ".raw" || extension == ".npy" || extension == ".npz" || extension == ".png";
+  return FindFormat(extension) != nullptr;
 }
 
 std::vector<std::string> OutputPaths(const std::string& path, size_t target_count) {
   const std::string extension = FileExtension(path);
-  if (target_count <= 1 || extension == ".png" || extension == ".npz") return {path};
+  const OutputFormat* const format = FindFormat(extension);
+  if (target_count <= 1 || format == nullptr || format->targets != TargetPlaces::kFileEach) return {path};
   const std::string stem = path.substr(0, path.size() - extension.size());
   const std::string written_extension = path.substr(stem.size());  // keeps the caller's upper or lower case
   std::vector<std::string> paths;

@@ -12,12 +12,12 @@
 
 namespace voxelpipe {
 
-// The extension decides: .raw, .npy, .npz (result_file.h), .png (one preview picture, png_preview.h). Lower case, with
-// the dot; empty if there is none.
+// The extension decides the format (format_registry.h). In: a path. Out: the longest extension of a format that ends
+// its name, as ".nii.gz", otherwise what follows the last dot; lower case, with the dot; empty if there is none.
 std::string FileExtension(std::string_view path);
 bool IsKnownExtension(std::string_view extension);
 
-// The files of a result: one, or OUT.<index>.ext for each of several targets (.npy, .raw).
+// The files of a result: one, or OUT.<index>.ext for each of several targets where the format takes one a file.
 std::vector<std::string> OutputPaths(const std::string& path, size_t target_count);
 // Those, and the description of a .raw output: every file that WriteResult creates for `path`.
 std::vector<std::string> WrittenPaths(const std::string& path, size_t target_count);

@@ -13,7 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "batch/done_record.h"
 #include "encode/encode.h"
-#include "encode/result_file.h"
+#include "encode/format_registry.h"
 #include "engine/hash.h"
 #include "options/standard_streams.h"
 
@@ -170,15 +170,12 @@ absl::StatusOr<std::string> InsideOutput(const char* key, const std::string& tex
   return clean.string();
 }
 
-absl::Status CheckFormat(const std::string& extension, ResultKind kind) {
+absl::Status CheckFormat(const std::string& extension, const VoxelizeRequest& request) {
   if (!IsKnownExtension(extension)) {
-    return Wrong(extension.empty() ? "no format" : absl::StrCat("'", extension, "' is no known format"),
-                 "; known are npy, npz, raw and png");
+    return Wrong(extension.empty() ? "no format" : absl::StrCat("'", extension, "' is no known format"), "; known are ",
+                 ListFormats(false));
   }
-  if (!CanHold(extension, kind)) {
-    return Wrong(extension, " holds only dense results; a ", std::string(Name(kind)), " one needs .npz");
-  }
-  return absl::OkStatus();
+  return CheckHolds(extension, request.result, request.targets.size());
 }
 
 std::string FindInput(const fs::path& directory, const std::string& input) {
@@ -300,7 +297,7 @@ class Reader {
     const char* const key = names.output ? "output" : names.id ? "id" : "input";
     absl::StatusOr<std::string> output = InsideOutput(key, name);
     if (!output.ok()) return output.status();
-    if (absl::Status s = CheckFormat(FileExtension(*output), kind); !s.ok())
+    if (absl::Status s = CheckFormat(FileExtension(*output), item.request->request); !s.ok())
       return Wrong("'", key, "': ", std::string(s.message()));
     item.output = *std::move(output);
     item.id = names.id ? *names.id : item.output.substr(0, item.output.size() - FileExtension(item.output).size());

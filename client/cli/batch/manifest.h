@@ -48,7 +48,7 @@ struct Manifest {
 
 struct ManifestDefaults {
   RequestOptions request;             // for options that an item does not give
-  std::optional<std::string> format;  // npy, npz, raw or png; absent: .npy for dense results, .npz for others
+  std::optional<std::string> format;  // a name of format_registry.h; absent: npy for dense results, npz for others
   std::optional<std::string> view;    // for items with pictures, as ParseView takes it; absent: its default
 };
 
@@ -57,7 +57,7 @@ struct ManifestDefaults {
 //   id       a name, unique ("name" means the same)
 //   output   the result's file below the output directory; default: the id, otherwise the input's stem, with the
 //            extension of the format
-//   format   npy, npz, raw or png
+//   format   npy, npz, ...: a name of core/encode/format_registry.h
 //   preview  file of a picture below the output directory
 //   view     the camera of the item's pictures, as ParseView takes it
 // and any option of `voxelpipe voxelize` about the grid, the voxels and the execution, without its dashes ("voxel_size"

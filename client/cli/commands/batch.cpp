@@ -11,6 +11,7 @@
 #include "commands/commands.h"
 #include "commands/progress_view.h"
 #include "encode/atomic_file.h"
+#include "encode/format_registry.h"
 #include "encode/preview/preview_view.h"
 #include "engine/interrupt.h"
 #include "engine/report.h"
@@ -146,7 +147,7 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
   CLI::App* command =
       app.add_subcommand("batch", "Voxelize the meshes of a list; a further run continues where the last one stopped");
   const std::string group = "Batch";
-  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
+  const auto add = [&](const char* name, auto& value, const std::string& type, const char* text) {
     return command->add_option(name, value, Wrapped(text))->group(group)->type_name(type);
   };
   command
@@ -157,9 +158,8 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
       ->type_name("")
       ->check(RefuseEmpty);
   add("--output-dir", plan.output_dir, "D", "Where the results go")->required()->check(RefuseEmpty);
-  add("--format", arguments->defaults.format, "npy|npz|raw|png",
-      "Of outputs that name none (default npy; npz for lists)")
-      ->check(CLI::IsMember({"npy", "npz", "raw", "png"}));
+  add("--format", arguments->defaults.format, FormatChoices(), "Of outputs that name none (default npy; npz for lists)")
+      ->check(CLI::IsMember(FormatNames()));
   add("--view", arguments->defaults.view, "VIEW",
       "Camera of pictures: iso (default), front, back, left, right, top, bottom, or AZIMUTH,ELEVATION in degrees")
       ->check(RefuseEmpty);

@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "commands/commands.h"
 #include "commands/progress_view.h"
+#include "encode/format_registry.h"
 #include "engine/engine.h"
 #include "engine/interrupt.h"
 #include "engine/report.h"
@@ -69,6 +70,10 @@ absl::Status CheckStreams(const VoxelizeArguments& arguments) {
   return IsStandardStream(arguments.names.output) ? CheckStandardOutput() : absl::OkStatus();
 }
 
+bool TakesAFileEach(const OutputFormat& format) {
+  return format.targets == TargetPlaces::kFileEach;
+}
+
 int Voxelize(const VoxelizeArguments& arguments) {
   const auto wrong_option = [](const absl::Status& status) {
     PrintError("", status);
@@ -120,18 +125,19 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   command->add_flag("--recursive", arguments->recursive, "Also the meshes in the directories below those of IN");
   command
       ->add_option("-o,--output", arguments->names.output,
-                   Wrapped("File of the result; the extension selects .npy, .npz, .raw or .png (a picture). Several "
-                           "targets into .npy or .raw: OUT.<index>.ext. With several IN a directory, which keeps the "
-                           "folders below a directory or pattern. - is standard output, with --format; the summary "
-                           "then goes to standard error. Without it only the "
-                           "summary is printed"))
+                   Wrapped(absl::StrCat(
+                       "File of the result; the extension selects the format: ", ListFormats(true),
+                       " (a picture). Several targets into ", ListFormats(true, &TakesAFileEach),
+                       ": OUT.<index>.ext. With several IN a directory, which keeps the folders below a directory or "
+                       "pattern. - is standard output, with --format; the summary then goes to standard error. "
+                       "Without it only the summary is printed")))
       ->type_name("OUT")
       ->check(RefuseEmpty);
   command
       ->add_option("--format", arguments->names.format,
                    Wrapped("Of the result on standard output, or in a directory (default npy; npz for lists)"))
-      ->type_name("npy|npz|raw|png")
-      ->check(CLI::IsMember({"npy", "npz", "raw", "png"}));
+      ->type_name(FormatChoices())
+      ->check(CLI::IsMember(FormatNames()));
   command->add_option("--preview", arguments->names.preview, "Also write a picture: a shaded view and three slices")
       ->type_name("PNG")
       ->check(RefuseEmpty);

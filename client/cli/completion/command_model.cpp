@@ -22,10 +22,10 @@ std::vector<std::string> ShaderNames(ShaderStage stage) {
   return names;
 }
 
-// "a|b|c" of lower-case words.
+// "a|b|c" of lower-case words, which may have dots.
 std::vector<std::string> ChoicesOf(const std::string& type) {
   const bool words = type.find('|') != std::string::npos &&
-                     type.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789_|") == std::string::npos;
+                     type.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789_.|") == std::string::npos;
   return words ? std::vector<std::string>(absl::StrSplit(type, '|')) : std::vector<std::string>();
 }
 

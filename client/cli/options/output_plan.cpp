@@ -5,7 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "encode/encode.h"
-#include "encode/result_file.h"
+#include "encode/format_registry.h"
 #include "options/standard_streams.h"
 
 namespace voxelpipe::cli {
@@ -14,8 +14,11 @@ namespace {
 namespace fs = std::filesystem;
 
 bool NamesDirectory(const std::string& path) {
+  if (path.back() == '/') return true;
+  const OutputFormat* const format = FindFormat(FileExtension(path));
+  if (format != nullptr && format->directory) return false;  // an earlier result
   std::error_code error;  // an unreadable path counts as no directory; writing reports the error
-  return path.back() == '/' || fs::is_directory(path, error);
+  return fs::is_directory(path, error);
 }
 
 template <typename... Parts>
@@ -29,19 +32,24 @@ std::string UsualExtension(const OutputNames& names, ResultKind kind) {
   return kind == ResultKind::kDense ? ".npy" : ".npz";
 }
 
-absl::Status CheckHolds(const std::string& extension, ResultKind kind) {
-  if (CanHold(extension, kind)) return absl::OkStatus();
-  return Wrong("--output: ", extension, " holds dense results; a ", std::string(Name(kind)), " one goes into .npz");
+bool GoesToStandardOutput(const OutputFormat& format) {
+  return format.standard_output;
 }
 
 absl::Status CheckStandardOutputPlan(const OutputNames& names, const InputList& inputs, size_t targets) {
   if (names.format.empty()) {
-    return Wrong("--output: '-' is standard output; name its format by --format npy, npz, raw or png");
+    return Wrong("--output: '-' is standard output; name its format by --format ",
+                 ListFormats(false, &GoesToStandardOutput));
+  }
+  const OutputFormat* const format = FindFormat(absl::StrCat(".", names.format));
+  if (format == nullptr || !format->standard_output) {
+    return Wrong("--output: '-' cannot take the format ", names.format, "; give a file name, or --format ",
+                 ListFormats(false, &GoesToStandardOutput));
   }
   if (inputs.files.size() != 1 || inputs.open_ended) {
     return Wrong("--output: '-' takes the result of one file, not of a list; give a directory");
   }
-  if (targets == 1 || names.format == "npz" || names.format == "png") return absl::OkStatus();
+  if (targets == 1 || format->targets != TargetPlaces::kFileEach) return absl::OkStatus();
   return Wrong("--output: ", targets, " targets are ", targets, " .", names.format,
                " files, which '-' cannot take; give --format npz or a file name");
 }
@@ -74,19 +82,23 @@ absl::Status PlanPlace(const Place& place, const InputList& inputs, std::vector<
     return absl::OkStatus();
   }
   if (!IsKnownExtension(given) || (picture && given != ".png")) {
-    return Wrong(option, ": '", path, "': the extension must be ", picture ? ".png" : ".npy, .npz, .raw or .png",
+    return Wrong(option, ": '", path, "': the extension must be ", picture ? ".png" : ListFormats(true),
                  given.empty() ? ", but there is none" : "");
   }
   plans[0].*member = path;
   return absl::OkStatus();
 }
 
-// Each file is written once.
+// Each file is written once, and none is an input.
 absl::Status CheckDistinct(const InputList& inputs, const std::vector<OutputPlan>& plans) {
   std::map<std::string, size_t> input_of;
   for (size_t i = 0; i < plans.size(); ++i) {
     for (const std::string& path : {plans[i].result, plans[i].preview}) {
       if (path.empty()) continue;
+      std::error_code none;  // most outputs do not exist yet
+      if (fs::equivalent(path, inputs.files[i].path, none)) {
+        return Wrong("--output: '", path, "' is the mesh itself; give another name");
+      }
       const auto [taken, fresh] = input_of.emplace(path, i);
       if (fresh) continue;
       if (taken->second == i)
@@ -119,7 +131,9 @@ absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, con
   for (const OutputPlan& plan : plans) {
     if (plan.result.empty() && plan.standard_output.empty()) continue;
     const std::string extension = plan.result.empty() ? plan.standard_output : FileExtension(plan.result);
-    if (absl::Status holds = CheckHolds(extension, kind); !holds.ok()) return holds;
+    if (absl::Status s = CheckHolds(extension, kind, targets); !s.ok()) {
+      return Wrong("--output: ", std::string(s.message()));
+    }
     if (!names.format.empty() && extension != usual) {
       return Wrong("--format: '", plan.result, "' is no ", names.format, "; leave --format out, or change the name");
     }

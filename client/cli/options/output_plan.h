@@ -21,7 +21,7 @@ struct OutputPlan {
 // What was typed; empty if not given.
 struct OutputNames {
   std::string output, preview;
-  std::string format;  // npy, npz, raw or png
+  std::string format;  // a name of core/encode/format_registry.h, as npy
   std::string view{};  // of every picture
 };
 
@@ -30,8 +30,8 @@ struct OutputNames {
 // `format`, by default .npy for dense results, .npz for others; .png for pictures). The output "-" is standard output.
 // `targets`: how many the request has. Errors: INVALID_ARGUMENT for an extension that cannot hold the result, for a
 // file name where a directory is needed, for a format that is not that of the file, for standard output without a
-// format or where it cannot hold all results, for two outputs of the same name, and for a view that is none or has no
-// picture.
+// format or where it cannot hold all results, for two outputs of the same name, for an output that is its input,
+// and for a view that is none or has no picture.
 absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, const OutputNames& names,
                                                     ResultKind kind = ResultKind::kDense, size_t targets = 1);
 

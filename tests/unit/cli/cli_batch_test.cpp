@@ -153,7 +153,7 @@ TEST_F(CliBatch, WrongListsAndOptionsExitWith2AndDoNothing) {
   expect_2(Batch("out", {"--shard", "3/2"}), "--shard");
   expect_2(Batch("out", {"--jobs", "0"}), "--jobs");
   expect_2(Batch("out", {"--retries", "-1"}), "--retries");
-  expect_2(Batch("out", {"--format", "vti"}), "--format");
+  expect_2(Batch("out", {"--format", "xyz"}), "--format");
   expect_2(Batch("out", {"--server", ""}), "--server");
   expect_2(Batch("out", {"--fill", "maybe"}), "--fill");
 }

@@ -78,7 +78,7 @@ TEST_F(CliOptions, WrongOptionsExitWith2AndOneLine) {
       {"--result", "buckets", "-o", "out.raw"},
       {"--threads", "-1"},
       {"--repeat", "0"},
-      {"-o", directory_ / "out.vti"},
+      {"-o", directory_ / "out.xyz"},
       {"-o", directory_ / "out"},
       {"--preview", directory_ / "out.npy"},
       {"-o", ""},

@@ -117,7 +117,7 @@ TEST(WriteResult, RefusesAnExtensionItDoesNotKnow) {
   const TemporaryDirectory directory;
   VoxelizeResult result = EmptyResult({1, 1, 1});
   AddBits(result, SampleBit);
-  for (const char* name : {"out.vti", "out", "out."}) {
+  for (const char* name : {"out.xyz", "out", "out."}) {
     const absl::Status status = WriteResult(result, directory / name);
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
     EXPECT_THAT(std::string(status.message()), HasSubstr(name));

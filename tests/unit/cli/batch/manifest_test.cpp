@@ -140,7 +140,7 @@ TEST_F(ManifestTest, ErrorsNameTheLine) {
 }
 
 TEST_F(ManifestTest, OutputsThatCannotBeAreErrors) {
-  EXPECT_THAT(Error(R"({"input":"a","output":"x.vti"})"), HasSubstr("no known format"));
+  EXPECT_THAT(Error(R"({"input":"a","output":"x.xyz"})"), HasSubstr("no known format"));
   EXPECT_THAT(Error(R"({"input":"a","output":"x.npy","result":"buckets"})"), HasSubstr(".npz"));
   EXPECT_THAT(Error(R"({"input":"a","format":"npy","result":"sparse"})"), HasSubstr(".npz"));
   EXPECT_THAT(Error(R"({"input":"a","output":"x.npy","format":"raw"})"), HasSubstr("differ"));

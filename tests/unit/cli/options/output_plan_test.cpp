@@ -63,6 +63,17 @@ TEST(PlanOutputs, AnOpenEndedListNeedsADirectoryHoweverManyFilesItHas) {
   EXPECT_THAT(std::string(PlanOutputs(one, {"-", "", "npy"}).status().message()), HasSubstr("not of a list"));
 }
 
+TEST(PlanOutputs, RefusesTheMeshItself) {
+  const testing::TemporaryDirectory directory;
+  std::ofstream(directory / "a.npy") << "a mesh, whatever its name";
+  std::filesystem::create_symlink("a.npy", directory / "b.npy");
+  for (const char* name : {"a.npy", "b.npy"}) {
+    EXPECT_THAT(std::string(PlanOutputs(Files({directory / "a.npy"}), {directory / name, "", ""}).status().message()),
+                HasSubstr("is the mesh itself"));
+  }
+  EXPECT_TRUE(PlanOutputs(Files({directory / "a.npy"}), {directory / "c.npy", "", ""}).ok());
+}
+
 TEST(PlanOutputs, ADirectoryServesOneInputToo) {
   const testing::TemporaryDirectory directory;
   EXPECT_EQ(PlanOutputs(Files({"a.glb"}), {directory.path().string(), "", ""}).value()[0].result, directory / "a.npy");
@@ -75,7 +86,7 @@ TEST(PlanOutputs, RefusesNamesThatCannotHoldTheResult) {
     EXPECT_EQ(plans.status().code(), absl::StatusCode::kInvalidArgument);
     return std::string(plans.status().message());
   };
-  EXPECT_THAT(error({"a.glb"}, "out.vti", ""), HasSubstr("out.vti"));
+  EXPECT_THAT(error({"a.glb"}, "out.xyz", ""), HasSubstr("out.xyz"));
   EXPECT_THAT(error({"a.glb"}, "out", ""), HasSubstr("none"));
   EXPECT_THAT(error({"a.glb"}, "", "out.npy"), HasSubstr("--preview"));
   EXPECT_THAT(error({"a.glb", "b.glb"}, "out.npy", ""), HasSubstr("directory"));

@@ -1,5 +1,4 @@
 // An .npz is a ZIP archive of .npy files (NumPy documentation, numpy.savez).
-#include "encode/npz_file.h"
 
 #include <bit>
 #include <cstring>
@@ -7,6 +6,7 @@
 #include <vector>
 
 #include "encode/atomic_file.h"
+#include "encode/formats/writers.h"
 #include "encode/npy.h"
 #include "encode/zip_writer.h"
 

@@ -1,0 +1,64 @@
+// The formats of output files: one list, from which options, messages, completion and documents are made.
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "encode/result_file.h"
+
+namespace voxelpipe {
+
+// What becomes of several targets.
+enum class TargetPlaces : uint8_t {
+  kTogether,  // all in one file
+  kFileEach,  // OUT.0.ext, OUT.1.ext, ...
+  kOne,       // the format holds one target
+};
+
+struct OutputFormat {
+  std::string_view name;                 // of --format; the extension without its dot: "npy", "nii.gz"
+  std::string_view extension;            // with its dot, lower case
+  std::string_view title;                // what it is, a few words
+  bool sparse = false, buckets = false;  // holds results of this kind; all hold dense ones
+  TargetPlaces targets = TargetPlaces::kTogether;
+  bool standard_output = true;  // can be written front to back
+  bool directory = false;       // the output is a directory
+  // In: a path, empty for standard output, and a job, which may be null and must outlive the writer. Out: a writer
+  // whose Begin creates the file. Null for pictures, which are drawn from whole results (png_preview.h).
+  std::unique_ptr<ResultFile> (*open)(const std::string& path, const JobContext* job) = nullptr;
+  // In: a grid. Out: what of its place the file does not tell, as one line for a warning; empty if nothing is lost.
+  // Null: nothing is worth a warning.
+  std::string (*lost_place)(const GridSpec& grid) = nullptr;
+
+  bool picture() const { return open == nullptr; }
+  bool Holds(ResultKind kind) const {
+    return kind == ResultKind::kDense || (kind == ResultKind::kSparse ? sparse : buckets);
+  }
+};
+
+// All formats of this build, in the order in which they are named.
+std::span<const OutputFormat> OutputFormats();
+
+// The format of an extension (".npy", lower case); null if there is none.
+const OutputFormat* FindFormat(std::string_view extension);
+
+// In: a file name in lower case. Out: the longest extension of a format that ends it; empty if there is none, or
+// nothing stands before it.
+std::string_view FormatExtensionOf(std::string_view lower_case_name);
+
+// Names as a list for messages: "npy, npz or raw", of those that `wanted` returns true for. `dots`: extensions.
+std::string ListFormats(bool dots, bool (*wanted)(const OutputFormat& format) = nullptr);
+// The choices of an option: the names, and as "npy|npz|raw".
+std::vector<std::string> FormatNames();
+std::string FormatChoices();
+
+// INVALID_ARGUMENT naming formats that can, if files of this extension cannot hold a result of this kind, or so many
+// targets.
+absl::Status CheckHolds(std::string_view extension, ResultKind kind, size_t targets);
+
+}  // namespace voxelpipe

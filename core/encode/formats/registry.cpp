@@ -1,0 +1,108 @@
+#include <algorithm>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "encode/format_registry.h"
+#include "encode/formats/writers.h"
+
+namespace voxelpipe {
+namespace {
+
+const std::vector<OutputFormat>& List() {
+  static const std::vector<OutputFormat> formats = [] {
+    std::vector<OutputFormat> list;
+    list.push_back({.name = "npy",
+                    .extension = ".npy",
+                    .title = "NumPy array",
+                    .targets = TargetPlaces::kFileEach,
+                    .open = &MakeNpyFile});
+    list.push_back({.name = "npz",
+                    .extension = ".npz",
+                    .title = "NumPy arrays in an archive",
+                    .sparse = true,
+                    .buckets = true,
+                    .open = &MakeNpzFile});
+    list.push_back({.name = "raw",
+                    .extension = ".raw",
+                    .title = "bytes, described by OUT.raw.json",
+                    .targets = TargetPlaces::kFileEach,
+                    .open = &MakeRawFile});
+    list.push_back({.name = "png", .extension = ".png", .title = "picture", .sparse = true, .buckets = true});
+    return list;
+  }();
+  return formats;
+}
+
+// "a, b or c".
+std::string Joined(const std::vector<std::string_view>& words) {
+  std::string text;
+  for (size_t i = 0; i < words.size(); ++i) {
+    absl::StrAppend(&text, i == 0 ? "" : i + 1 < words.size() ? ", " : " or ", std::string(words[i]));
+  }
+  return text;
+}
+
+}  // namespace
+
+std::span<const OutputFormat> OutputFormats() {
+  return List();
+}
+
+const OutputFormat* FindFormat(std::string_view extension) {
+  const auto& list = List();
+  const auto found = std::find_if(list.begin(), list.end(), [&](const auto& f) { return f.extension == extension; });
+  return found == list.end() ? nullptr : &*found;
+}
+
+std::string_view FormatExtensionOf(std::string_view name) {
+  std::string_view longest;
+  for (const OutputFormat& format : List()) {
+    const bool ends = name.size() > format.extension.size() && name.ends_with(format.extension);
+    if (ends && format.extension.size() > longest.size()) longest = format.extension;
+  }
+  return longest;
+}
+
+std::string ListFormats(bool dots, bool (*wanted)(const OutputFormat& format)) {
+  std::vector<std::string_view> names;
+  for (const OutputFormat& format : List()) {
+    if (wanted == nullptr || wanted(format)) names.push_back(dots ? format.extension : format.name);
+  }
+  return Joined(names);
+}
+
+std::vector<std::string> FormatNames() {
+  std::vector<std::string> names;
+  for (const OutputFormat& format : List()) names.emplace_back(format.name);
+  return names;
+}
+
+std::string FormatChoices() {
+  return absl::StrJoin(FormatNames(), "|");
+}
+
+absl::Status CheckHolds(std::string_view extension, ResultKind kind, size_t targets) {
+  const OutputFormat* const format = FindFormat(extension);
+  const std::string shown(extension);
+  if (format == nullptr) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("no writer for '", shown, "'; known extensions are ", ListFormats(true)));
+  }
+  std::vector<std::string_view> others;
+  const bool holds = format->Holds(kind);
+  for (const OutputFormat& other : List()) {
+    if (other.picture() || !other.Holds(kind)) continue;
+    if (holds ? other.targets == TargetPlaces::kTogether : true) others.push_back(other.extension);
+  }
+  if (!holds) {
+    return absl::InvalidArgumentError(absl::StrCat(shown, " holds ", format->sparse ? "dense and sparse" : "dense",
+                                                   " results; a ", std::string(Name(kind)), " one goes into ",
+                                                   Joined(others)));
+  }
+  if (targets == 1 || format->targets != TargetPlaces::kOne) return absl::OkStatus();
+  return absl::InvalidArgumentError(
+      absl::StrCat(shown, " holds one target; ", targets, " targets go into ", Joined(others)));
+}
+
+}  // namespace voxelpipe
