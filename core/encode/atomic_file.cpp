@@ -25,15 +25,6 @@ constexpr size_t kMaxSuffixBytes = 32;  // of the mark and the numbers
 constexpr char kOutputUrl[] = "voxelpipe/output_error";
 constexpr std::chrono::milliseconds kPollInterval{50};  // poll interval of the job while a FIFO waits for a reader
 
-absl::Status AsOutputError(absl::Status status) {
-  status.SetPayload(kOutputUrl, absl::Cord());
-  return status;
-}
-
-absl::Status SystemError(int error, const std::string& what) {
-  return AsOutputError(absl::ErrnoToStatus(error, what));
-}
-
 // True if the file is written in place: it is not a regular file, or has no path (an open file's link in /proc).
 bool IsWrittenThrough(const struct stat& status, const std::string& final_path) {
   if (!S_ISREG(status.st_mode)) return true;
@@ -49,7 +40,7 @@ absl::StatusOr<int> OpenThrough(const std::string& path, const JobContext* job) 
     if (descriptor >= 0) return descriptor;
     struct stat status {};
     const bool no_reader = errno == ENXIO && stat(path.c_str(), &status) == 0 && S_ISFIFO(status.st_mode);
-    if (!no_reader && errno != EINTR) return SystemError(errno, absl::StrCat("cannot write '", path, "'"));
+    if (!no_reader && errno != EINTR) return OutputError(errno, absl::StrCat("cannot write '", path, "'"));
     if (job != nullptr) {
       if (absl::Status over = job->Check(); !over.ok()) return over;
     }
@@ -70,12 +61,20 @@ void TakeOver(int descriptor, const struct stat& was) {
 
 }  // namespace
 
+absl::Status AsOutputError(absl::Status status) {
+  status.SetPayload(kOutputUrl, absl::Cord());
+  return status;
+}
+
+absl::Status OutputError(int error, const std::string& what) {
+  return AsOutputError(absl::ErrnoToStatus(error, what));
+}
+
 bool IsOutputError(const absl::Status& status) {
   return status.GetPayload(kOutputUrl).has_value();
 }
 
 absl::StatusOr<AtomicFile> AtomicFile::Create(const std::string& path, const JobContext* job) {
-  static std::atomic<uint64_t> counter{0};
   AtomicFile file;
   file.path_ = path;
   absl::StatusOr<std::string> final_path = FollowLinks(path);
@@ -83,16 +82,16 @@ absl::StatusOr<AtomicFile> AtomicFile::Create(const std::string& path, const Job
   file.final_path_ = *std::move(final_path);
   struct stat status {};
   const bool exists = stat(path.c_str(), &status) == 0;
-  if (exists && S_ISDIR(status.st_mode)) return SystemError(EISDIR, absl::StrCat("cannot create '", path, "'"));
+  if (exists && S_ISDIR(status.st_mode)) return OutputError(EISDIR, absl::StrCat("cannot create '", path, "'"));
   if (exists && IsWrittenThrough(status, file.final_path_)) {
     const absl::StatusOr<int> descriptor = OpenThrough(path, job);
     if (!descriptor.ok()) return descriptor.status();
     file.descriptor_ = *descriptor;
     return file;
   }
-  std::string temporary = absl::StrCat(TemporaryStem(file.final_path_), kMark, getpid(), "-", counter.fetch_add(1));
+  std::string temporary = TemporaryName(file.final_path_);
   file.descriptor_ = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
-  if (file.descriptor_ < 0) return SystemError(errno, absl::StrCat("cannot create '", path, "'"));
+  if (file.descriptor_ < 0) return OutputError(errno, absl::StrCat("cannot create '", path, "'"));
   file.temporary_ = std::move(temporary);
   if (exists) TakeOver(file.descriptor_, status);
   return file;
@@ -102,8 +101,13 @@ absl::StatusOr<AtomicFile> AtomicFile::StandardOutput() {
   AtomicFile file;
   file.path_ = "standard output";
   file.descriptor_ = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 0);  // Commit closes its own descriptor only
-  if (file.descriptor_ < 0) return SystemError(errno, "cannot write 'standard output'");
+  if (file.descriptor_ < 0) return OutputError(errno, "cannot write 'standard output'");
   return file;
+}
+
+std::string AtomicFile::TemporaryName(const std::string& path) {
+  static std::atomic<uint64_t> counter{0};
+  return absl::StrCat(TemporaryStem(path), kMark, getpid(), "-", counter.fetch_add(1));
 }
 
 std::string AtomicFile::TemporaryStem(const std::string& path) {
@@ -149,8 +153,21 @@ absl::Status AtomicFile::Write(std::span<const uint8_t> bytes, const JobContext*
         poll(&ready, 1, int(kPollInterval.count()));
         continue;
       }
-      return SystemError(errno, absl::StrCat("cannot write '", path_, "'"));
+      return OutputError(errno, absl::StrCat("cannot write '", path_, "'"));
     }
+    bytes = bytes.subspan(static_cast<size_t>(written));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status AtomicFile::WriteAt(uint64_t offset, std::span<const uint8_t> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t written = pwrite(descriptor_, bytes.data(), bytes.size(), off_t(offset));
+    if (written < 0) {
+      if (errno == EINTR) continue;
+      return OutputError(errno, absl::StrCat("cannot write '", path_, "'"));
+    }
+    offset += uint64_t(written);
     bytes = bytes.subspan(static_cast<size_t>(written));
   }
   return absl::OkStatus();
@@ -158,10 +175,10 @@ absl::Status AtomicFile::Write(std::span<const uint8_t> bytes, const JobContext*
 
 absl::Status AtomicFile::Commit() {
   // Some file systems (quotas, network) report a failed write only here.
-  if (close(std::exchange(descriptor_, -1)) != 0) return SystemError(errno, absl::StrCat("cannot write '", path_, "'"));
+  if (close(std::exchange(descriptor_, -1)) != 0) return OutputError(errno, absl::StrCat("cannot write '", path_, "'"));
   if (temporary_.empty()) return absl::OkStatus();
   if (std::rename(temporary_.c_str(), final_path_.c_str()) != 0) {
-    return SystemError(errno, absl::StrCat("cannot create '", path_, "'"));
+    return OutputError(errno, absl::StrCat("cannot create '", path_, "'"));
   }
   temporary_.clear();
   return absl::OkStatus();

@@ -24,6 +24,8 @@ class AtomicFile {
   // This process's standard output, written in place: a file, a pipe or a device.
   static absl::StatusOr<AtomicFile> StandardOutput();
 
+  // A name beside `path` that no other file of this process has.
+  static std::string TemporaryName(const std::string& path);
   // The stem of the temporary names of a file, before a mark and two numbers: its path, with a long name cut. Links are
   // not followed.
   static std::string TemporaryStem(const std::string& path);
@@ -39,6 +41,11 @@ class AtomicFile {
   // The process must ignore SIGXFSZ and SIGPIPE to get their errors here.
   absl::Status Write(std::span<const uint8_t> bytes, const JobContext* job = nullptr);
 
+  // False if the file is written in place: then WriteAt must not be called.
+  bool can_write_at() const { return !temporary_.empty(); }
+  // Replaces bytes that were written before, from `offset` on; Write continues at the end. Errors as Write has them.
+  absl::Status WriteAt(uint64_t offset, std::span<const uint8_t> bytes);
+
   // Closes and renames. After that the object is empty.
   absl::Status Commit();
 
@@ -51,6 +58,9 @@ class AtomicFile {
   int descriptor_ = -1;
 };
 
+// In: a number of errno and what could not be done. Out: its status, for which IsOutputError is true.
+absl::Status OutputError(int error, const std::string& what);
+absl::Status AsOutputError(absl::Status status);
 // True if an error is about writing a file, not about its contents.
 bool IsOutputError(const absl::Status& status);
 

@@ -22,6 +22,16 @@ constexpr int kFormatVersion = 1;
 // The same for pictures alone.
 constexpr int kPictureVersion = 2;
 
+// The size of a file, or of all files in a directory.
+uint64_t BytesAt(const fs::path& path, std::error_code& error) {
+  if (!fs::is_directory(path, error)) return error ? 0 : uint64_t(fs::file_size(path, error));
+  uint64_t bytes = 0;
+  for (fs::recursive_directory_iterator at(path, error), end; !error && at != end; at.increment(error)) {
+    if (at->is_regular_file(error)) bytes += uint64_t(at->file_size(error));
+  }
+  return bytes;
+}
+
 absl::StatusOr<DoneRecord> Parse(std::istream& in) {
   DoneRecord record;
   try {
@@ -71,7 +81,7 @@ absl::StatusOr<DoneRecord> FindRecord(const std::string& output_dir, const Batch
   if (record->key != key || record->files.empty()) return absl::NotFoundError("the record is of another request");
   for (const DoneRecord::File& file : record->files) {
     std::error_code error;
-    if (fs::file_size(fs::path(output_dir) / file.name, error) != file.bytes || error) {
+    if (BytesAt(fs::path(output_dir) / file.name, error) != file.bytes || error) {
       return absl::NotFoundError(absl::StrCat(file.name, " is not there as it was written"));
     }
   }
@@ -90,7 +100,7 @@ absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, D
   for (DoneRecord::File& file : record.files) {
     std::error_code error;
     const fs::path path = fs::path(output_dir) / file.name;
-    file.bytes = fs::file_size(path, error);
+    file.bytes = BytesAt(path, error);
     if (error) return absl::ErrnoToStatus(error.value(), absl::StrCat("'", path.string(), "'"));
     files.push_back({{"name", file.name}, {"bytes", file.bytes}});
   }

@@ -58,7 +58,7 @@ void RemoveLeftovers(const std::string& output_dir, const std::vector<BatchItem>
       const std::string stem = AtomicFile::StemOf(path);
       if (stem.empty() || !ours.contains(stem)) continue;
       std::error_code gone;
-      fs::remove(path, gone);
+      fs::remove_all(path, gone);
     }
   }
 }

@@ -28,6 +28,20 @@ const std::vector<OutputFormat>& List() {
                     .title = "bytes, described by OUT.raw.json",
                     .targets = TargetPlaces::kFileEach,
                     .open = &MakeRawFile});
+    list.push_back({.name = "vti", .extension = ".vti", .title = "VTK image data", .open = &MakeVtiFile});
+    list.push_back(
+        {.name = "nrrd", .extension = ".nrrd", .title = "NRRD", .targets = TargetPlaces::kOne, .open = &MakeNrrdFile});
+    list.push_back({.name = "nii.gz",
+                    .extension = ".nii.gz",
+                    .title = "NIfTI",
+                    .targets = TargetPlaces::kOne,
+                    .open = &MakeNiftiFile});
+    list.push_back({.name = "zarr",
+                    .extension = ".zarr",
+                    .title = "OME-Zarr",
+                    .standard_output = false,
+                    .directory = true,
+                    .open = &MakeZarrDirectory});
     list.push_back({.name = "png", .extension = ".png", .title = "picture", .sparse = true, .buckets = true});
     return list;
   }();

@@ -16,5 +16,17 @@ std::unique_ptr<ResultFile> MakeNpyFile(const std::string& path, const JobContex
 // Any kind: target0, target1, ...; sparse: ijk int32 (n, 3) in x, y, z; buckets: ijk, offsets int64 (n + 1), triangle
 // uint32 (m); always dims int64 (3), origin and voxel_size float64 (3), index_to_world float64 (4, 4).
 std::unique_ptr<ResultFile> MakeNpzFile(const std::string& path, const JobContext* job);
+// Dense: a cell array a target, "target0", ...; of a planar target one a component, "target0_0", ... Bits as UInt8 0/1,
+// halves as Float32. Compressed with zlib in files, not in streams. Memory: 32 MiB.
+std::unique_ptr<ResultFile> MakeVtiFile(const std::string& path, const JobContext* job);
+// Dense, one target, gzip: components are the first axis, of planar targets the last. Bits as uint8 0/1, halves as
+// float. Memory: a piece.
+std::unique_ptr<ResultFile> MakeNrrdFile(const std::string& path, const JobContext* job);
+// Dense, one target: NIfTI-1, beyond 32,767 voxels an axis NIfTI-2; components are the fifth axis. Bits as uint8 0/1,
+// halves as float32. Memory: a piece, and of interleaved components the compressed ones after the first.
+std::unique_ptr<ResultFile> MakeNiftiFile(const std::string& path, const JobContext* job);
+// Dense: a directory, an OME-Zarr 0.4 image of each target with the axes c, z, y, x; one target is the root, several
+// are groups "target0", ... Bits as uint8 0/1. Coordinates are centres. Memory: a row of chunks, 16 layers.
+std::unique_ptr<ResultFile> MakeZarrDirectory(const std::string& path, const JobContext* job);
 
 }  // namespace voxelpipe

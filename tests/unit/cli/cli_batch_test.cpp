@@ -114,6 +114,22 @@ TEST_F(CliBatch, GivesTheFilesOfSingleCalls) {
   EXPECT_TRUE(batch == FilesBelow(directory_ / "one"));
 }
 
+TEST_F(CliBatch, ADirectoryIsAnOutputLikeAFile) {
+  WriteList({R"({"input":"a.glb","format":"zarr"})"});
+  const auto done = [&](const char* status) {
+    const CliOutcome outcome = Batch("out", {"--resolution", "8", "--json"});
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return json::parse(outcome.out)[status] == 1;
+  };
+  fs::create_directories(directory_ / "out/a.zarr.part-123-0/0");  // of a run that was killed
+  EXPECT_TRUE(done("done"));
+  EXPECT_FALSE(fs::exists(directory_ / "out/a.zarr.part-123-0"));
+  EXPECT_TRUE(done("skipped"));
+  ASSERT_GT(fs::remove_all(directory_ / "out/a.zarr/0/0"), 0u);
+  EXPECT_TRUE(done("done")) << "a chunk is missing";
+  EXPECT_TRUE(fs::exists(directory_ / "out/a.zarr/0/0/0/0"));
+}
+
 TEST_F(CliBatch, FailedItemsAreToldAndTheOthersDone) {
   std::ofstream(directory_ / "bad.glb") << "glTF but not really";
   WriteList({R"({"input":"missing.glb"})", R"({"input":"a.glb"})", R"({"input":"bad.glb"})"});

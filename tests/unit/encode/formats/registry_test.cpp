@@ -1,0 +1,155 @@
+#include "encode/format_registry.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <map>
+#include <set>
+
+#include "encode/encode.h"
+#include "unit/encode/sample_results.h"
+
+namespace voxelpipe {
+namespace {
+
+using testing::AddBits;
+using testing::AddFloats;
+using testing::EmptyResult;
+using ::testing::HasSubstr;
+using testing::ReadFile;
+using testing::SampleBit;
+using testing::SampleValue;
+using testing::TemporaryDirectory;
+
+TEST(FormatRegistry, HasEachNameOnce) {
+  std::set<std::string_view> names;
+  for (const OutputFormat& format : OutputFormats()) {
+    EXPECT_TRUE(names.insert(format.name).second) << format.name;
+    EXPECT_EQ(format.extension, "." + std::string(format.name));
+    EXPECT_EQ(FindFormat(format.extension), &format);
+    EXPECT_FALSE(format.title.empty());
+  }
+  EXPECT_TRUE(names.contains("npy"));
+  EXPECT_EQ(FindFormat("npy"), nullptr);
+  EXPECT_EQ(FormatNames().size(), names.size());
+}
+
+TEST(FormatRegistry, TheLongestExtensionOfANameWins) {
+  EXPECT_EQ(FileExtension("d.npy/A.NII.GZ"), ".nii.gz");
+  EXPECT_EQ(FileExtension("a.npy.gz"), ".gz");
+  EXPECT_EQ(FileExtension("a.b.npz"), ".npz");
+  EXPECT_EQ(FormatExtensionOf(".npz"), "") << "a hidden file without an extension";
+  EXPECT_EQ(OutputPaths("a.nii.gz", 1), std::vector<std::string>{"a.nii.gz"});
+}
+
+TEST(FormatRegistry, NamesFormatsThatHoldWhatAnotherCannot) {
+  EXPECT_TRUE(CheckHolds(".npz", ResultKind::kBuckets, 8).ok());
+  EXPECT_TRUE(CheckHolds(".npy", ResultKind::kDense, 8).ok());
+  const auto message = [](std::string_view extension, ResultKind kind, size_t targets) {
+    const absl::Status status = CheckHolds(extension, kind, targets);
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+    return std::string(status.message());
+  };
+  EXPECT_THAT(message(".npy", ResultKind::kSparse, 1),
+              HasSubstr(".npy holds dense results; a sparse one goes into .npz"));
+  EXPECT_THAT(message(".nrrd", ResultKind::kDense, 2), HasSubstr("one target; 2 targets go into .npz, .vti"));
+  EXPECT_THAT(message(".xyz", ResultKind::kDense, 1), HasSubstr("known extensions are .npy, .npz"));
+}
+
+// Every file of a directory by its name in it; temporary numbers are no part of them.
+std::map<std::string, std::vector<uint8_t>> FilesOf(const TemporaryDirectory& directory) {
+  std::map<std::string, std::vector<uint8_t>> files;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(directory.path())) {
+    if (entry.is_regular_file()) {
+      files[std::filesystem::relative(entry.path(), directory.path()).string()] = ReadFile(entry.path().string());
+    }
+  }
+  return files;
+}
+
+VoxelizeResult Sample(Layout layout) {
+  VoxelizeResult result = EmptyResult({9, 5, 19}, layout);
+  AddFloats(result, 3, SampleValue);
+  return result;
+}
+
+class EachFormat : public ::testing::TestWithParam<std::string> {
+ protected:
+  const OutputFormat& format() const { return *FindFormat("." + GetParam()); }
+};
+
+TEST_P(EachFormat, TakesAResultInPiecesOfAnySize) {
+  for (const Layout layout : {Layout::kInterleaved, Layout::kPlanar}) {
+    const VoxelizeResult result = Sample(layout);
+    const TemporaryDirectory whole, pieces;
+    ASSERT_TRUE(WriteResult(result, whole / ("out." + GetParam())).ok());
+    const std::unique_ptr<ResultFile> file = format().open(pieces / ("out." + GetParam()), nullptr);
+    ASSERT_TRUE(file->Begin(HeaderOf(result)).ok());
+    std::span<const uint8_t> left = ArraysOf(result)[0];
+    for (size_t size = 1; !left.empty(); size = size % 23 + 1) {
+      const std::span<const uint8_t> piece = left.first(std::min(size, left.size()));
+      ASSERT_TRUE(file->Write(0, piece).ok());
+      left = left.subspan(piece.size());
+    }
+    EXPECT_FALSE(std::filesystem::exists(pieces / ("out." + GetParam()))) << "before Commit";
+    ASSERT_TRUE(file->Commit().ok());
+    EXPECT_EQ(FilesOf(whole), FilesOf(pieces));
+    EXPECT_FALSE(FilesOf(whole).empty());
+  }
+}
+
+TEST_P(EachFormat, LeavesNothingOfACancelledOrUnfinishedResult) {
+  const TemporaryDirectory directory;
+  JobContext job;
+  job.Cancel();
+  EXPECT_EQ(WriteResult(Sample(Layout::kInterleaved), directory / ("a." + GetParam()), &job).code(),
+            absl::StatusCode::kCancelled);
+  EXPECT_EQ(directory.FileCount(), 0u);
+  {
+    const std::unique_ptr<ResultFile> file = format().open(directory / ("a." + GetParam()), nullptr);
+    ASSERT_TRUE(file->Begin(HeaderOf(Sample(Layout::kInterleaved))).ok());
+    EXPECT_EQ(directory.FileCount(), GetParam() == "raw" ? 2u : 1u) << "under temporary names";
+  }
+  EXPECT_EQ(directory.FileCount(), 0u);
+}
+
+TEST_P(EachFormat, WritesTheKindsThatItHoldsAndRefusesOthers) {
+  VoxelizeRequest request;
+  request.targets[0].format = VoxelFormat::kU8;
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    request.result = kind;
+    GridSpec grid;
+    grid.dims = {3, 4, 5};
+    VoxelizeResult result = AllocateResult(MakeResultHeader(request, grid, 1, 2, 2)).value();
+    for (HostBuffer* array : MutableArraysOf(result)) std::memset(array->data(), 0, array->size());
+    if (kind == ResultKind::kSparse) result.masks.data()[8] = 5;  // (0, 0, 1) and (2, 0, 1)
+    if (kind == ResultKind::kBuckets) {
+      const std::array<uint64_t, 2> voxels = {7, 20};
+      const std::array<uint64_t, 3> offsets = {0, 1, 2};
+      std::memcpy(result.voxels.data(), voxels.data(), sizeof voxels);
+      std::memcpy(result.offsets.data(), offsets.data(), sizeof offsets);
+    }
+    const TemporaryDirectory directory;
+    const absl::Status status = WriteResult(result, directory / ("a." + GetParam()));
+    EXPECT_EQ(status.ok(), format().Holds(kind)) << status;
+    EXPECT_EQ(directory.FileCount() > 0, format().Holds(kind));
+  }
+}
+
+std::vector<std::string> FormatsWithWriters() {
+  std::vector<std::string> names;
+  for (const OutputFormat& format : OutputFormats()) {
+    if (!format.picture()) names.emplace_back(format.name);
+  }
+  return names;
+}
+
+INSTANTIATE_TEST_SUITE_P(Formats, EachFormat, ::testing::ValuesIn(FormatsWithWriters()),
+                         [](const ::testing::TestParamInfo<std::string>& info) {
+                           std::string name = info.param;
+                           std::erase(name, '.');
+                           return name;
+                         });
+
+}  // namespace
+}  // namespace voxelpipe
