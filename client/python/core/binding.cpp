@@ -5,6 +5,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <dlpack/dlpack.h>
+
 #include <algorithm>
 #include <chrono>
 #include <condition_variable>
@@ -17,6 +19,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
 #include "job_threads.h"
 #include "load/load_mesh.h"
 #include "mesh/report.h"
@@ -32,6 +35,7 @@ namespace voxelpipe {
 namespace {
 
 constexpr std::chrono::milliseconds kPoll{20};  // between two looks for Ctrl-C
+constexpr char kUnused[] = "dltensor";          // DLPack's name of a capsule that no consumer has taken yet
 
 // The Python exception voxelpipe_core.Failed: one argument, a google.rpc.Status as bytes.
 py::object& FailedType() {
@@ -53,7 +57,8 @@ struct Outcome {
   uint64_t peak_bytes = 0;
 };
 
-absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uint8_t> file, const JobContext& job) {
+absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uint8_t> file, const JobContext& job,
+                                 bool on_device) {
   try {
     const VoxelizeRequest& request = config.request;
     absl::StatusOr<LoadedMesh> loaded = LoadMeshFor(job, file, {config.mesh_format, TexturesRead(request), {}});
@@ -70,8 +75,14 @@ absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uin
       outcome.report = BoxReport(loaded->mesh);
     }
     const PlanLimits limits = LimitsInProcess(job);
-    absl::StatusOr<VoxelizeResult> result = voxelpipe::Voxelize(loaded->mesh, request, {job, limits});
+    absl::StatusOr<VoxelizeResult> result =
+        voxelpipe::Voxelize(loaded->mesh, request, {.job = job, .limits = limits, .on_device = on_device});
     if (!result.ok()) return result.status();
+    if (on_device && result->device_targets.empty()) {
+      return absl::FailedPreconditionError(absl::StrCat("on the device: the run was one of ", result->stats.backend,
+                                                        " whose result is in this machine's memory; only ",
+                                                        "dense results that CUDA makes in one slab stay on a GPU"));
+    }
     outcome.result = *std::move(result);
     return outcome;
   } catch (const std::bad_alloc&) {
@@ -84,6 +95,37 @@ py::array_t<uint8_t> Owned(HostBuffer buffer) {
   auto* const owned = new HostBuffer(std::move(buffer));
   const py::capsule owner(owned, [](void* p) { delete static_cast<HostBuffer*>(p); });
   return py::array_t<uint8_t>(py::ssize_t(owned->size()), owned->data(), owner);
+}
+
+// A DLPack capsule of an array in a GPU's memory, which keeps that memory until its consumer is done. In: the type code
+// and bits of an element, and the shape in C order.
+py::object DlpackOf(const DeviceBuffer& buffer, int code, int bits, std::vector<int64_t> shape) {
+  struct Managed {
+    DLManagedTensor tensor;
+    std::vector<int64_t> shape;
+    std::shared_ptr<void> owner;
+  };
+  auto* const managed = new Managed{{}, std::move(shape), buffer.owner};
+  DLTensor& tensor = managed->tensor.dl_tensor;
+  tensor.data = buffer.data;
+  tensor.device = {kDLCUDA, buffer.ordinal};
+  tensor.ndim = int(managed->shape.size());
+  tensor.dtype = {uint8_t(code), uint8_t(bits), 1};
+  tensor.shape = managed->shape.data();
+  tensor.strides = nullptr;  // dense, C order
+  tensor.byte_offset = 0;
+  managed->tensor.manager_ctx = managed;
+  managed->tensor.deleter = [](DLManagedTensor* self) { delete static_cast<Managed*>(self->manager_ctx); };
+  PyObject* const capsule = PyCapsule_New(&managed->tensor, kUnused, [](PyObject* self) {
+    if (PyCapsule_IsValid(self, kUnused) == 0) return;
+    auto* const unused = static_cast<DLManagedTensor*>(PyCapsule_GetPointer(self, kUnused));
+    unused->deleter(unused);
+  });
+  if (capsule == nullptr) {
+    delete managed;
+    throw py::error_already_set();
+  }
+  return py::reinterpret_steal<py::object>(capsule);
 }
 
 py::tuple Answer(Outcome outcome) {
@@ -102,15 +144,17 @@ py::tuple Answer(Outcome outcome) {
   for (HostBuffer& target : result.targets) in_order.push_back(&target);
   py::list arrays;
   for (HostBuffer* buffer : in_order) arrays.append(Owned(std::move(*buffer)));
+  for (DeviceBuffer& buffer : result.device_targets) arrays.append(std::move(buffer));
   return py::make_tuple(py::bytes(header.SerializeAsString()), arrays, py::bytes(summary.SerializeAsString()));
 }
 
 // Runs one request. In: a VoxelizeConfig as bytes; the bytes of a mesh file without references to others; seconds until
 // the deadline, or None; callable(stage, fraction) or None, called from another thread. Out: a ResultHeader as bytes,
 // the arrays in stream order as flat bytes that own their memory, a Summary as bytes. Raises Failed; whatever the
-// callable or a signal handler raises, after the job has ended. The GIL is released meanwhile.
+// callable or a signal handler raises, after the job has ended. The GIL is released meanwhile. `on_device`: the arrays
+// are DeviceBuffer objects; FAILED_PRECONDITION if the result cannot stay on a GPU.
 py::tuple Run(const std::string& config_bytes, const py::buffer& mesh, std::optional<double> timeout,
-              const py::object& progress) {
+              const py::object& progress, bool on_device) {
   v1::VoxelizeConfig message;
   if (!message.ParseFromString(config_bytes)) Throw(absl::InvalidArgumentError("config: is no VoxelizeConfig"));
   const absl::StatusOr<ParsedConfig> config = ParseConfig(message);
@@ -145,7 +189,7 @@ py::tuple Run(const std::string& config_bytes, const py::buffer& mesh, std::opti
     std::mutex mutex;
     std::condition_variable ended;
     bool done = false;
-    RunOnJobThread([&] { outcome = Voxelize(*config, file, job); },
+    RunOnJobThread([&] { outcome = Voxelize(*config, file, job, on_device); },
                    [&] {
                      const std::lock_guard lock(mutex);
                      done = true;
@@ -185,6 +229,12 @@ PYBIND11_MODULE(_core, module) {
                                                      PyExc_RuntimeError, nullptr);
   voxelpipe::FailedType() = py::reinterpret_steal<py::object>(failed);
   module.attr("Failed") = voxelpipe::FailedType();
-  module.def("run", &voxelpipe::Run, py::arg("config"), py::arg("mesh"), py::arg("timeout"), py::arg("progress"));
+  py::class_<voxelpipe::DeviceBuffer>(module, "DeviceBuffer")
+      .def_property_readonly("pointer", [](const voxelpipe::DeviceBuffer& b) { return uintptr_t(b.data); })
+      .def_readonly("size", &voxelpipe::DeviceBuffer::size)
+      .def_readonly("ordinal", &voxelpipe::DeviceBuffer::ordinal)
+      .def("dlpack", &voxelpipe::DlpackOf, py::arg("code"), py::arg("bits"), py::arg("shape"));
+  module.def("run", &voxelpipe::Run, py::arg("config"), py::arg("mesh"), py::arg("timeout"), py::arg("progress"),
+             py::arg("on_device") = false);
   module.def("shaders", &voxelpipe::Shaders);
 }

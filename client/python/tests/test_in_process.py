@@ -1,6 +1,8 @@
 """voxelize() in this process, by voxelpipe_core: bytes, errors, progress as of a server; Ctrl-C, threads, forks."""
 from __future__ import annotations
 
+import ctypes
+import importlib.util
 import json
 import os
 import pathlib
@@ -241,3 +243,50 @@ def test_a_forked_child_takes_a_server(tmp_path: pathlib.Path) -> None:
     )
     output, errors = process.communicate(timeout=60)
     assert output == "0\n", errors
+
+
+def on_a_gpu(ball: shapes.Triangles, **options: object) -> voxelpipe.DeviceGrid:
+    try:
+        return voxelpipe.voxelize_on_device(ball, **options)
+    except voxelpipe.NotAvailable as error:
+        if "slab" in str(error):
+            raise
+        pytest.skip(f"no GPU: {error}")
+
+
+def test_results_stay_on_the_gpu_with_the_same_bytes(ball: shapes.Triangles) -> None:
+    options = {"resolution": 40, "color": "base_color:srgb8", "normal": "normal:f32:average"}
+    grid = on_a_gpu(ball, **options)
+    expected = voxelpipe.voxelize(ball, packed_bits=True, **options)  # type: ignore[arg-type]
+    driver = ctypes.CDLL("libcuda.so.1")
+    assert list(grid.arrays) == ["mask", "color", "normal"]
+    for name, array in grid.arrays.items():
+        interface = array.__cuda_array_interface__
+        there = numpy.empty(array.shape, array.dtype)
+        copied = driver.cuMemcpyDtoH_v2(
+            ctypes.c_void_p(there.ctypes.data),
+            ctypes.c_uint64(interface["data"][0]),
+            ctypes.c_size_t(array.nbytes),
+        )
+        assert copied == 0
+        assert there.tobytes() == expected[name].tobytes()
+        assert array.__dlpack_device__() == (2, 0)
+        assert '"dltensor"' in repr(array.__dlpack__())  # freed by its own destructor
+    torch = pytest.importorskip("torch") if importlib.util.find_spec("torch") else None
+    if torch is not None and torch.cuda.is_available():
+        assert torch.from_dlpack(grid["normal"]).cpu().numpy().tobytes() == expected["normal"].tobytes()
+
+
+def test_lists_do_not_stay_on_the_gpu(ball: shapes.Triangles) -> None:
+    on_a_gpu(ball, resolution=8)
+    with pytest.raises(voxelpipe.NotAvailable, match="on the device"):
+        voxelpipe.voxelize_on_device(ball, resolution=8, result="sparse")
+
+
+def test_without_a_gpu_nothing_stays_on_one(ball: shapes.Triangles) -> None:
+    try:
+        voxelpipe.voxelize_on_device(ball, resolution=8)
+    except voxelpipe.NotAvailable as error:
+        assert "cuda" in str(error)
+    else:
+        pytest.skip("there is a GPU")

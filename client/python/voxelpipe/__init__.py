@@ -11,9 +11,10 @@ from . import errors
 from ._calls.session import Tls
 from ._version import VERSION
 from .aio import AsyncClient
-from .api import default_client, shutdown, voxelize
+from .api import default_client, shutdown, voxelize, voxelize_on_device
 from .buckets import Buckets
 from .client import Client, MeshHandle
+from .device import DeviceArray, DeviceGrid
 from .errors import (
     DataLoss,
     DeadlineExceeded,
@@ -47,6 +48,8 @@ __all__ = [
     "Client",
     "DataLoss",
     "DeadlineExceeded",
+    "DeviceArray",
+    "DeviceGrid",
     "Estimate",
     "GridPlace",
     "InvalidMesh",
@@ -83,4 +86,5 @@ __all__ = [
     "local_server",
     "shutdown",
     "voxelize",
+    "voxelize_on_device",
 ]

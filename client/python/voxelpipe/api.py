@@ -10,6 +10,8 @@ from ._calls import in_process
 from ._calls.session import Job, Progress
 from ._mesh.forms import MeshLike, load_mesh
 from .client import Client, MeshHandle
+from .device import DeviceGrid
+from .errors import MissingPackage
 from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
 from .place import GridPlace
@@ -138,6 +140,24 @@ def voxelize(
         return in_process.run(Job(request, load_mesh(mesh)), timeout, progress)
     client = server if isinstance(server, Client) else default_client(server or "")
     return client.voxelize_request(mesh, request, timeout=timeout, progress=progress)
+
+
+def voxelize_on_device(
+    mesh: MeshLike, *, timeout: float | None = None, progress: Progress = None, **options: Any
+) -> DeviceGrid:
+    """Voxelizes one mesh on a GPU of this process and leaves the result in the GPU's memory.
+
+        r = voxelpipe.voxelize_on_device("car.glb", resolution=512, color="base_color:srgb8")
+        torch.from_dlpack(r["color"])    # (nz, ny, nx, 4) uint8 on the GPU, without a copy
+
+    options: those of voxelize() that describe the request, without backend. Needs the package voxelpipe_core built with
+    CUDA. Errors: those of voxelize(); NotAvailable if there is no GPU, or the result is sparse, bucketed or too large
+    to be made in one slab; MissingPackage without voxelpipe_core.
+    """
+    if not in_process.available():
+        raise MissingPackage("voxelize_on_device: needs the package voxelpipe_core", package="voxelpipe_core")
+    request = make_request(backend="cuda", **options)
+    return in_process.run_on_device(Job(request, load_mesh(mesh)), checked_timeout(timeout), progress)
 
 
 def shutdown(_: Any = None) -> None:

@@ -2,6 +2,6 @@
 
 It speaks the messages of the service as bytes; programs use voxelpipe.voxelize().
 """
-from ._core import Failed, run, shaders
+from ._core import DeviceBuffer, Failed, run, shaders
 
-__all__ = ["Failed", "run", "shaders"]
+__all__ = ["DeviceBuffer", "Failed", "run", "shaders"]

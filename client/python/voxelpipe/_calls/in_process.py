@@ -5,6 +5,7 @@ import os
 from typing import Any
 
 from .._proto.google.rpc import status_pb2
+from ..device import DeviceGrid
 from ..grid import VoxelGrid
 from .reader import ResultReader
 from .session import Job, Progress, Reporter
@@ -46,17 +47,30 @@ def available() -> bool:
 
 def run(job: Job, timeout: float | None, progress: Progress) -> VoxelGrid:
     """Runs a job with a mesh file. timeout: seconds; None: 600. Errors: those of voxelize()."""
+    return _reader(job).taken_over(*_run(job, timeout, progress, False))
+
+
+def run_on_device(job: Job, timeout: float | None, progress: Progress) -> DeviceGrid:
+    """The same, whose arrays stay on the GPU. Errors: also NotAvailable if they cannot."""
+    return _reader(job).taken_on_device(*_run(job, timeout, progress, True))
+
+
+def _reader(job: Job) -> ResultReader:
+    return ResultReader(job.request, max_result_bytes=1 << 63, request_id="", report=None)
+
+
+def _run(job: Job, timeout: float | None, progress: Progress, on_device: bool) -> tuple[bytes, list[Any], bytes]:
     reporter = Reporter(progress)
     try:
-        header, arrays, summary = _core.run(
+        answer: tuple[bytes, list[Any], bytes] = _core.run(
             job.config().SerializeToString(),
             job.data,
             _DEFAULT_TIMEOUT_S if timeout is None else timeout,
             None if progress is None else lambda stage, fraction: reporter(stage, fraction, 0),
+            on_device,
         )
     except _core.Failed as failed:
         raise of_status(status_pb2.Status.FromString(failed.args[0]), "this process", "") from None
     finally:
         reporter.close()
-    reader = ResultReader(job.request, max_result_bytes=1 << 63, request_id="", report=None)
-    return reader.taken_over(header, arrays, summary)
+    return answer

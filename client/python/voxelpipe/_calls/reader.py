@@ -10,6 +10,7 @@ import numpy.typing
 
 from .._proto.voxelpipe.v1 import types_pb2 as types
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from ..device import DeviceArray, DeviceGrid
 from ..errors import DataLoss, MissingPackage, TooLarge
 from ..grid import VoxelGrid
 from ..place import GridPlace
@@ -32,6 +33,7 @@ _LIST_DTYPES: dict[str, numpy.dtype[Any]] = {
     "u32": numpy.dtype("<u4"),
     "u8": numpy.dtype("u1"),
 }
+_DEVICE_DTYPES = {**DTYPES, "bit": numpy.dtype("u1")}  # bits stay eight a byte
 
 Array = numpy.typing.NDArray[Any]
 
@@ -137,6 +139,25 @@ class ResultReader:
         unpack = not self._request.packed_bits
         taken = [_taken_over(element, shape, unpack, data) for (element, shape), data in zip(specs, arrays)]
         return self._grid(taken, service.Summary.FromString(summary))
+
+    def taken_on_device(self, header: bytes, buffers: Sequence[Any], summary: bytes) -> DeviceGrid:
+        """A dense result whose arrays are voxelpipe_core.DeviceBuffer objects. Errors: DataLoss."""
+        specs = self._read_header(service.ResultHeader.FromString(header))
+        if [buffer.size for buffer in buffers] != [_wire_bytes(element, shape) for element, shape in specs]:
+            raise _lost("arrays of other sizes than announced")
+        assert self._place is not None
+        message = service.Summary.FromString(summary)
+        arrays = {
+            target.name: DeviceArray(buffer, shape if element != "bit" else (buffer.size,), _DEVICE_DTYPES[element])
+            for target, buffer, (element, shape) in zip(self._request.targets, buffers, specs)
+        }
+        return DeviceGrid(
+            place=self._place,
+            targets=self._request.targets,
+            arrays=arrays,
+            warnings=read_warnings(message),
+            summary=Summary.of(message, self._request_id),
+        )
 
     def finish(self) -> VoxelGrid:
         """The result. Errors: DataLoss if anything of it is missing."""
