@@ -31,8 +31,8 @@ struct OutsideFiles {
 absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {},
                                               WarningList* warnings = nullptr, const OutsideFiles& outside = {});
 
-// The same for a mesh in memory, in any of the formats, whose errors name the URI alone; files that it names are searched in `directory` (empty: the
-// working directory).
+// The same for a mesh in memory, in any of the formats, whose errors name the URI alone; files that it names are
+// searched in `directory` (empty: the working directory).
 absl::StatusOr<FileBytes> PackMesh(FileBytes bytes, const std::filesystem::path& directory,
                                    const LoadLimits& limits = {}, WarningList* warnings = nullptr,
                                    const OutsideFiles& outside = {});

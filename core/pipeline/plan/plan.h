@@ -26,8 +26,8 @@ struct PlanLimits {
   std::string_view working_limit_is = {};    // in errors, after max_working_bytes: where this figure comes from
 };
 
-// The limits of a job in this process whose mesh is loaded and charged to MemoryOf(job): those above, and of the working
-// memory what the budget has left.
+// The limits of a job in this process whose mesh is loaded and charged to MemoryOf(job): those above, and of the
+// working memory what the budget has left.
 PlanLimits LimitsInProcess(const JobContext& job);
 
 // How a result leaves.
