@@ -49,7 +49,9 @@ def javascript_missing(section, work):
     if not (kept / "node_modules/@connectrpc/connect-node").is_dir():
         kept.mkdir(parents=True, exist_ok=True)
         command = ["npm", "install", "--prefix", kept, "--no-audit", "--no-fund", "--silent", *packages]
-        if subprocess.run(command, timeout=120).returncode != 0:
+        try:
+            subprocess.run(command, timeout=120, check=True)
+        except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
             return "npm cannot install the packages"
     (work / "node_modules").symlink_to(kept / "node_modules")
     return ""
