@@ -13,11 +13,6 @@ bool HasWriter(const OutputFormat& format) {
 
 }  // namespace
 
-bool CanHold(const std::string& extension, ResultKind kind) {
-  const OutputFormat* const format = FindFormat(extension);
-  return format != nullptr && format->Holds(kind);
-}
-
 absl::StatusOr<std::unique_ptr<ResultFile>> OpenResultFile(const std::string& path, const JobContext* job) {
   const std::string extension = FileExtension(path);
   const OutputFormat* const format = FindFormat(extension);

@@ -37,7 +37,4 @@ absl::StatusOr<std::unique_ptr<ResultFile>> OpenResultFile(const std::string& pa
 // of one file a target.
 absl::StatusOr<std::unique_ptr<ResultFile>> OpenStandardOutput(const std::string& extension, const JobContext* job);
 
-// True if files of this extension can hold results of this kind.
-bool CanHold(const std::string& extension, ResultKind kind);
-
 }  // namespace voxelpipe

@@ -57,9 +57,7 @@ absl::StatusOr<VoxelizeStats> RunToSink(const Backend& backend, const TriangleMe
     if (absl::Status s = RunGuarded(run, options.inside, assembler, stats); !s.ok()) return s;
     return stats;
   }
-  RunOptions on_host = options;
-  on_host.on_device = false;
-  absl::StatusOr<VoxelizeResult> result = RunToMemory(backend, mesh, request, on_host);
+  absl::StatusOr<VoxelizeResult> result = RunToMemory(backend, mesh, request, options);
   if (!result.ok()) return result.status();
   stats = std::move(result->stats);
   if (sink.Keep(*std::move(result))) return stats;

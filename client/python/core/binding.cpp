@@ -61,6 +61,10 @@ absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uin
                                  bool on_device) {
   try {
     const VoxelizeRequest& request = config.request;
+    if (on_device && request.result != ResultKind::kDense) {
+      return absl::FailedPreconditionError(
+          absl::StrCat("on the device: only dense results stay on a GPU, not ", std::string(Name(request.result))));
+    }
     absl::StatusOr<LoadedMesh> loaded = LoadMeshFor(job, file, {config.mesh_format, TexturesRead(request), {}});
     if (!loaded.ok()) return loaded.status();
     Outcome outcome;
@@ -79,9 +83,9 @@ absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uin
         voxelpipe::Voxelize(loaded->mesh, request, {.job = job, .limits = limits, .on_device = on_device});
     if (!result.ok()) return result.status();
     if (on_device && result->device_targets.empty()) {
-      return absl::FailedPreconditionError(absl::StrCat("on the device: the run was one of ", result->stats.backend,
-                                                        " whose result is in this machine's memory; only ",
-                                                        "dense results that CUDA makes in one slab stay on a GPU"));
+      return absl::FailedPreconditionError(absl::StrCat(
+          "on the device: the grid ", result->grid.dims[0], "x", result->grid.dims[1], "x", result->grid.dims[2],
+          " was made in several slabs, so that the result is in this machine's memory"));
     }
     outcome.result = *std::move(result);
     return outcome;

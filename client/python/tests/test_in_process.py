@@ -279,9 +279,8 @@ def test_results_stay_on_the_gpu_with_the_same_bytes(ball: shapes.Triangles) -> 
         assert torch.from_dlpack(grid["normal"]).cpu().numpy().tobytes() == expected["normal"].tobytes()
 
 
-def test_lists_do_not_stay_on_the_gpu(ball: shapes.Triangles) -> None:
-    on_a_gpu(ball, resolution=8)
-    with pytest.raises(voxelpipe.NotAvailable, match="on the device"):
+def test_lists_are_refused_before_the_run(ball: shapes.Triangles) -> None:
+    with pytest.raises(voxelpipe.NotAvailable, match="only dense results stay on a GPU, not sparse"):
         voxelpipe.voxelize_on_device(ball, resolution=8, result="sparse")
 
 

@@ -107,7 +107,7 @@ absl::Status CheckHolds(std::string_view extension, ResultKind kind, size_t targ
   const bool holds = format->Holds(kind);
   for (const OutputFormat& other : List()) {
     if (other.picture() || !other.Holds(kind)) continue;
-    if (holds ? other.targets == TargetPlaces::kTogether : true) others.push_back(other.extension);
+    if (!holds || other.targets == TargetPlaces::kTogether) others.push_back(other.extension);
   }
   if (!holds) {
     return absl::InvalidArgumentError(absl::StrCat(shown, " holds ", format->sparse ? "dense and sparse" : "dense",
