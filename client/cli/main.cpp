@@ -6,11 +6,11 @@
 
 #include "absl/synchronization/mutex.h"
 #include "base/threads.h"
+#include "command_line/usage_error.h"
 #include "commands/commands.h"
 #include "engine/interrupt.h"
 #include "engine/report.h"
 #include "options/server_access.h"
-#include "options/usage_error.h"
 
 namespace {
 
@@ -57,7 +57,7 @@ int main(int argc, char** argv) {
       app.parse(argc, argv);
     } catch (const CLI::ParseError& error) {
       if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-      PrintError("", UsageError(app, error));
+      PrintError("", voxelpipe::UsageError(app, error));
       return 2;
     }
   } catch (const std::bad_alloc&) {

@@ -8,6 +8,7 @@
 
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 
 namespace voxelpipe {
 namespace {
@@ -38,6 +39,9 @@ size_t Edits(std::string_view a, std::string_view b) {
 std::string NearestName(std::string_view name, const std::vector<std::string>& known) {
   constexpr size_t kMaxEdits = 3;
   if (name.empty() || name.size() > kMaxNameBytes) return "";
+  // The other word for the same thing, which is as near to its opposite.
+  const bool gpu = absl::AsciiStrToLower(std::string(name)) == "gpu";
+  if (gpu && std::find(known.begin(), known.end(), "cuda") != known.end()) return "cuda";
   size_t fewest = std::clamp(name.size() / 3, size_t{1}, kMaxEdits) + 1;
   const std::string* nearest = nullptr;
   for (const std::string& candidate : known) {
@@ -55,6 +59,12 @@ std::string NearestName(std::string_view name, const std::vector<std::string>& k
 std::string DidYouMean(std::string_view name, const std::vector<std::string>& known) {
   const std::string nearest = NearestName(name, known);
   return nearest.empty() ? "" : absl::StrCat("did you mean '", nearest, "'?");
+}
+
+std::string UnknownChoice(std::string_view text, const std::vector<std::string>& known) {
+  const std::string nearest = DidYouMean(text, known);
+  return absl::StrCat("unknown choice '", std::string(text), "'; ", nearest, nearest.empty() ? "" : " ", "known are ",
+                      absl::StrJoin(known, ", "));
 }
 
 }  // namespace voxelpipe

@@ -1,7 +1,9 @@
 #include "options/option_list.h"
 
+#include <algorithm>
 #include <map>
 
+#include "base/nearest_name.h"
 #include "options/option_sources.h"
 
 namespace voxelpipe {
@@ -64,7 +66,13 @@ CLI::Option* OptionList::Add(const std::string& flag, bool& value, const std::st
 
 CLI::Option* OptionList::AddChoice(const std::string& flag, std::string& value, const std::vector<std::string>& choices,
                                    const std::string& text) {
-  CLI::Option* const option = app_.add_option(flag, value, text)->check(CLI::IsMember(choices));
+  CLI::Option* const option = app_.add_option(flag, value, text)
+                                  ->check(CLI::Validator(
+                                      [choices](std::string& text) -> std::string {
+                                        if (std::find(choices.begin(), choices.end(), text) != choices.end()) return "";
+                                        return UnknownChoice(text, choices);
+                                      },
+                                      ""));
   std::string list;
   for (const std::string& choice : choices) list += (list.empty() ? " (`" : ", `") + choice + "`";
   Note(option, "", list + ")");
@@ -75,7 +83,7 @@ CLI::Option* OptionList::AddDuration(const std::string& flag, uint32_t& value, u
                                      const std::string& text) {
   CLI::Option* const option = app_.add_option(flag, value, text)
                                   ->transform(CLI::AsNumberWithUnit(kTimeUnits))
-                                  ->check(CLI::Range(uint32_t{0}, max_ms));
+                                  ->check(Between(uint32_t{0}, max_ms));
   RefuseNegative(option, true);
   Note(option, "ms", " (0 to " + std::to_string(max_ms) + ")");
   return option;
@@ -97,7 +105,7 @@ CLI::Option* OptionList::AddBytes(const std::string& flag, uint64_t& value, uint
 CLI::Option* OptionList::AddSize(const std::string& flag, uint64_t& value, uint64_t min, uint64_t max,
                                  const std::string& text, const std::string& suffix) {
   CLI::Option* const option =
-      app_.add_option(flag, value, text)->transform(CLI::AsSizeValue(false))->check(CLI::Range(min, max));
+      app_.add_option(flag, value, text)->transform(CLI::AsSizeValue(false))->check(Between(min, max));
   RefuseNegative(option, true);
   Note(option, "bytes", suffix);
   return option;

@@ -31,7 +31,7 @@ class OptionList {
                          const std::string& text) {
     CLI::Option* const option = app_.add_option(flag, value, text);
     // The check added last runs first: CLI11 would take unsigned numbers modulo 2^64.
-    option->check(CLI::Range(min, max));
+    option->check(Between(min, max));
     RefuseNegative(option, std::cmp_greater_equal(min, 0));
     Note(option, unit, " (" + std::to_string(min) + " to " + std::to_string(max) + ")");
     return option;
@@ -50,6 +50,17 @@ class OptionList {
   std::string ToMarkdown() const;
 
  private:
+  // CLI11's check in words that name both limits.
+  template <typename Value>
+  static CLI::Validator Between(Value min, Value max) {
+    return CLI::Validator(
+        [min, max](std::string& text) -> std::string {
+          if (CLI::Range(min, max)(text).empty()) return "";
+          return "'" + text + "' is no number from " + std::to_string(min) + " to " + std::to_string(max);
+        },
+        "");
+  }
+
   struct Entry {
     const CLI::Option* option;
     std::string group, unit, suffix;

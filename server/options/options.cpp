@@ -7,6 +7,7 @@
 #include <CLI/CLI.hpp>
 
 #include "base/machine.h"
+#include "command_line/usage_error.h"
 #include "options/option_list.h"
 
 namespace voxelpipe {
@@ -311,7 +312,9 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
     values = ParseFromAllSources(app, argc, argv);
     CheckTogether(o, values);
   } catch (const CLI::ParseError& error) {
-    return {std::nullopt, app.exit(error) == 0 ? 0 : 2};
+    if (error.get_exit_code() == 0) return {std::nullopt, app.exit(error)};  // --help, --version
+    std::fprintf(stderr, "voxelpiped: %s\n", UsageError(app, error).c_str());
+    return {std::nullopt, 2};
   }
   if (help_markdown) {
     std::fputs(list.ToMarkdown().c_str(), stdout);

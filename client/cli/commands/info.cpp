@@ -15,9 +15,9 @@
 #include "mesh/contents.h"
 #include "mesh/health/health.h"
 #include "mesh/report.h"
+#include "options/missing_file.h"
 #include "options/request_flags.h"
 #include "options/standard_streams.h"
-#include "options/usage_error.h"
 #include "pipeline/warnings.h"
 
 namespace voxelpipe::cli {

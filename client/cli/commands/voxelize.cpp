@@ -12,11 +12,11 @@
 #include "engine/report.h"
 #include "engine/run_to_files.h"
 #include "engine/server_option.h"
+#include "options/missing_file.h"
 #include "options/output_plan.h"
 #include "options/request_flags.h"
 #include "options/request_options.h"
 #include "options/standard_streams.h"
-#include "options/usage_error.h"
 
 namespace voxelpipe::cli {
 namespace {

@@ -6,7 +6,6 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
-#include "absl/strings/str_join.h"
 #include "base/nearest_name.h"
 #include "options/axes.h"
 #include "options/grid_like.h"
@@ -41,9 +40,7 @@ absl::Status Choose(const char* option, const std::string& text,
     }
     known.emplace_back(name);
   }
-  const std::string nearest = DidYouMean(text, known);
-  return absl::InvalidArgumentError(absl::StrCat(option, ": unknown choice '", text, "'; ", nearest,
-                                                 nearest.empty() ? "" : " ", "known are ", absl::StrJoin(known, ", ")));
+  return absl::InvalidArgumentError(absl::StrCat(option, ": ", UnknownChoice(text, known)));
 }
 
 // With --clip: the grid that fits the box, in place of the request for one that fits the mesh.

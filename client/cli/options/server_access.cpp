@@ -31,10 +31,13 @@ void AddServerAccessFlags(CLI::App& app) {
   Flags& flags = TheFlags();
   for (CLI::App* command :
        app.get_subcommands([](CLI::App* c) { return c->get_option_no_throw("--server") != nullptr; })) {
+    CLI::Option* const server = command->get_option("--server");
     const auto add = [&](const char* name, std::string& value, const char* type, const char* help) {
-      command->add_option(name, value, help)->type_name(type)->group("The server");
+      command->add_option(name, value, help)->type_name(type)->group("The server")->needs(server);
     };
-    command->add_flag("--tls", flags.tls, "Use TLS, with the system's CA certificates")->group("The server");
+    command->add_flag("--tls", flags.tls, "Use TLS, with the system's CA certificates")
+        ->group("The server")
+        ->needs(server);
     add("--tls-ca", flags.ca, "FILE", "Use TLS, with these CA certificates (PEM)");
     add("--tls-cert", flags.cert, "FILE", "Use TLS, with this client certificate (PEM); needs --tls-key");
     add("--tls-key", flags.key, "FILE", "The key of --tls-cert (PEM)");
@@ -47,7 +50,8 @@ void AddServerAccessFlags(CLI::App& app) {
         ->type_name("none|zstd")
         ->group("The server")
         ->check(CLI::IsMember({"none", "zstd"}))
-        ->needs(command->get_option("--server"));
+        ->needs(server);
+    command->get_option("--threads")->excludes(server);  // the server's own option decides
   }
 }
 

@@ -16,6 +16,18 @@ TEST(NearestNameTest, FindsWhatWasMeant) {
   EXPECT_EQ(DidYouMean("u", kNames), "did you mean 'uv'?");
 }
 
+TEST(NearestNameTest, GpuMeansCudaWhereThatIsAChoice) {
+  EXPECT_EQ(NearestName("gpu", {"auto", "cpu", "cuda"}), "cuda");
+  EXPECT_EQ(NearestName("GPU", {"auto", "cpu", "cuda"}), "cuda");
+  EXPECT_EQ(NearestName("gpu", {"cpu"}), "cpu");
+}
+
+TEST(NearestNameTest, AnUnknownChoiceNamesTheNearestAndAll) {
+  EXPECT_EQ(UnknownChoice("partiy", {"none", "parity"}),
+            "unknown choice 'partiy'; did you mean 'parity'? known are none, parity");
+  EXPECT_EQ(UnknownChoice("x", {"none", "parity"}), "unknown choice 'x'; known are none, parity");
+}
+
 TEST(NearestNameTest, SaysNothingWhereNothingIsNear) {
   EXPECT_EQ(DidYouMean("phong", kNames), "");
   EXPECT_EQ(DidYouMean("none.glb", {"box.glb"}), "");

@@ -43,6 +43,27 @@ TEST_F(CliMessages, AMistypedOptionNamesTheNearestAndTheHelpOfItsCommand) {
   EXPECT_THAT(Error({"voxelize", box_, "--wholly-unknown"}, 2), Not(HasSubstr("did you mean")));
 }
 
+TEST_F(CliMessages, AValueThatIsNoNumberOrIsMissingIsNamed) {
+  EXPECT_THAT(Error({"voxelize", box_, "--resolution", "abc"}, 2),
+              HasSubstr("--resolution: 'abc' is no number that it takes; see 'voxelpipe voxelize --help'"));
+  EXPECT_THAT(Error({"voxelize", box_, "--repeat", "99999999999999999999"}, 2),
+              HasSubstr("--repeat: '99999999999999999999' is no number that it takes"));
+  EXPECT_THAT(Error({"voxelize", box_, "--resolution"}, 2), HasSubstr("--resolution needs a value, N; see"));
+  EXPECT_THAT(Error({"voxelize", box_, "--backend", "gpu"}, 2), HasSubstr("did you mean 'cuda'?"));
+  EXPECT_THAT(Error({"shaders", "extra"}, 2), HasSubstr("one argument too many: 'extra'; see 'voxelpipe shaders"));
+}
+
+#ifdef VOXELPIPE_HAVE_SERVICE
+TEST_F(CliMessages, AnOptionOfTheOtherPlaceIsRefused) {
+  for (const char* flag : {"--token-file", "--tls-ca", "--tls-cert", "--tls-key", "--tls-server-name"}) {
+    EXPECT_THAT(Error({"voxelize", box_, flag, "x"}, 2), HasSubstr(std::string(flag) + " requires --server")) << flag;
+  }
+  EXPECT_THAT(Error({"voxelize", box_, "--tls"}, 2), HasSubstr("--tls requires --server"));
+  EXPECT_THAT(Error({"voxelize", box_, "--threads", "2", "--server", "127.0.0.1:1"}, 2),
+              HasSubstr("--threads excludes --server"));
+}
+#endif
+
 TEST_F(CliMessages, AMistypedCommandNamesTheNearest) {
   EXPECT_THAT(Error({"voxelise", box_}, 2),
               HasSubstr("there is no command 'voxelise' (did you mean 'voxelize'?); see 'voxelpipe --help'"));

@@ -155,6 +155,18 @@ TEST(OptionsTest, WhatCannotBeIsRefusedWithExitCodeTwo) {
   }
 }
 
+TEST(OptionsTest, WhatIsWrongIsSaidOnOneLineWithTheNextStep) {
+  for (const auto& [arguments, words] : std::vector<std::pair<std::vector<const char*>, std::string>>{
+           {{"--backend", "gpu"}, "--backend: unknown choice 'gpu'; did you mean 'cuda'? known are auto, cpu, cuda"},
+           {{"--threads", "many"}, "--threads: 'many' is no number from 0 to 1024"},
+           {{"--theads", "1"}, "there is no option '--theads' (did you mean '--threads'?), one argument too many: '1'"},
+           {{"--listen"}, "--listen needs a value, HOST:PORT"}}) {
+    ::testing::internal::CaptureStderr();
+    EXPECT_EQ(Parse(arguments).exit_code, 2);
+    EXPECT_EQ(::testing::internal::GetCapturedStderr(), "voxelpiped: " + words + "; see 'voxelpiped --help'\n");
+  }
+}
+
 // Each row of the table that names a range "A to B": what lies outside is refused, by a flag and by --check-config
 // alike.
 TEST(OptionsTest, WhatTheTableForbidsIsRefused) {
