@@ -26,16 +26,6 @@ Vec3f Viridis(float t) {
   return stops[size_t(index)] + (stops[size_t(index) + 1] - stops[size_t(index)]) * (position - float(index));
 }
 
-// The stored value of 1 of a colour; 0 if integers hold no colour.
-float UnitOf(const TargetSpec& spec) {
-  switch (spec.format) {
-    case VoxelFormat::kU8: return float(spec.scale.value_or(255));
-    case VoxelFormat::kU16: return float(spec.scale.value_or(65535));
-    case VoxelFormat::kU32: return float(spec.scale.value_or(0));
-    default: return 1;
-  }
-}
-
 // Sums, counts and bitwise blends of packed normals are no normals.
 bool HoldsPackedNormals(const TargetSpec& spec, ResultKind kind) {
   if (spec.shader.name != "packed_normal" || spec.components != 1) return false;
@@ -47,6 +37,15 @@ bool HoldsPackedNormals(const TargetSpec& spec, ResultKind kind) {
 }
 
 }  // namespace
+
+float ColourUnit(const TargetSpec& spec) {
+  switch (spec.format) {
+    case VoxelFormat::kU8: return float(spec.scale.value_or(255));
+    case VoxelFormat::kU16: return float(spec.scale.value_or(65535));
+    case VoxelFormat::kU32: return float(spec.scale.value_or(0));
+    default: return 1;
+  }
+}
 
 Vec3f InsideColour() {
   static const Vec3f colour = FromSrgb(0xb4c2d0);
@@ -64,16 +63,21 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
       has_normals_ = true;
       continue;
     }
-    if (spec.components >= 3 && UnitOf(spec) > 0) {
+    if (spec.components >= 3 && ColourUnit(spec) > 0) {
       chosen = int(i);
       break;
     }
     if (chosen < 0) chosen = int(i);
   }
-  if (chosen < 0) return;
+  if (chosen < 0) {
+    if (result.kind != ResultKind::kBuckets || has_normals_) return;
+    high_ = std::log2(float(std::max<uint64_t>(1, items_.MaxFragments())));
+    if (high_ > 0) kind_ = Kind::kFragments;
+    return;
+  }
   const TargetSpec& spec = result.specs[size_t(chosen)];
   values_ = TargetValues(result, size_t(chosen), items_.count());
-  unit_ = UnitOf(spec);
+  unit_ = ColourUnit(spec);
   components_ = spec.components;
   const uint32_t cell = NumberToCell(spec.clear, spec.format);
   clear_ = IsInteger(spec.format) ? float(cell) : FloatOf(cell);
@@ -81,6 +85,10 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   if (spec.components < 3 || !(unit_ > 0)) {
     FindRange(result, volume);
     if (low_ < high_) kind_ = Kind::kScalar;
+  } else if (spec.shader.name == "velocity") {
+    kind_ = Kind::kLength;
+    FindRange(result, volume);
+    if (!(low_ < high_)) kind_ = Kind::kPlain;
   } else if (spec.shader.name == "normal" || spec.shader.name == "geometric_normal") {
     kind_ = Kind::kUnitVector;
   } else {
@@ -92,7 +100,7 @@ void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume
   using Range = std::pair<float, float>;
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   const auto include = [this](Range& found, uint64_t item) {
-    const float value = values_.At(item, 0);
+    const float value = NumberOf(item);
     if (std::isfinite(value) && !IsClear(item)) found = {std::min(found.first, value), std::max(found.second, value)};
   };
   const auto join = [](const Range& a, const Range& b) {
@@ -129,6 +137,13 @@ void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume
   high_ = range.second;
 }
 
+float PreviewColours::NumberOf(uint64_t item) const {
+  if (kind_ != Kind::kLength) return values_.At(item, 0);
+  float squares = 0;
+  for (int c = 0; c < 3; ++c) squares += values_.At(item, c) * values_.At(item, c);
+  return std::sqrt(squares);
+}
+
 bool PreviewColours::IsClear(uint64_t item) const {
   for (int c = 0; c < components_; ++c) {
     if (values_.At(item, c) != clear_) return false;
@@ -140,10 +155,11 @@ Vec3f PreviewColours::At(uint64_t n) const {
   static const Vec3f clay = FromSrgb(0x5f95c4), pale = FromSrgb(0xc9c3b8);
   // A pale surface shows normals best by its shading.
   if (kind_ == Kind::kPlain) return has_normals_ ? pale : clay;
+  if (kind_ == Kind::kFragments) return Viridis(std::log2(float(items_.FragmentsOf(n))) / high_);
   const uint64_t item = items_.Find(n);
   if (item == PreviewItems::kNone) return clay;
   if (IsClear(item) && volume_.Enclosed(n)) return InsideColour();
-  if (kind_ == Kind::kScalar) return Viridis((values_.At(item, 0) - low_) / (high_ - low_));
+  if (kind_ == Kind::kScalar || kind_ == Kind::kLength) return Viridis((NumberOf(item) - low_) / (high_ - low_));
   Vec3f colour;
   for (int c = 0; c < 3; ++c) {
     float value = values_.At(item, c) / unit_;

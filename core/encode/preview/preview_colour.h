@@ -11,6 +11,9 @@
 
 namespace voxelpipe {
 
+// The stored value of 1 of a colour; 0 if integers hold no colour.
+float ColourUnit(const TargetSpec& spec);
+
 // The colour of the inside of a solid, linear RGB.
 Vec3f InsideColour();
 
@@ -22,14 +25,18 @@ class PreviewColours {
   // Linear RGB in [0, 1] of solid voxel n of the linear order. InsideColour() for a voxel inside a solid (all six
   // neighbours are solid) that holds `clear`, as fills leave it for shaders that need a triangle.
   Vec3f At(uint64_t n) const;
+  // True if voxels have colours of their own, not one for all.
+  bool has_colours() const { return kind_ != Kind::kPlain; }
   // True if the result has normals for lighting.
   bool has_normals() const { return has_normals_; }
   // The unit normal stored for voxel n, world axes; empty if it has none.
   std::optional<Vec3f> NormalAt(uint64_t n) const;
 
  private:
-  enum class Kind { kPlain, kLinearRgb, kUnitVector, kScalar };
+  enum class Kind { kPlain, kLinearRgb, kUnitVector, kScalar, kLength, kFragments };
 
+  // The number of an item that a colour map shows: the first component, or the length.
+  float NumberOf(uint64_t item) const;
   // True if the chosen target holds `clear` in every component of the item.
   bool IsClear(uint64_t item) const;
   void FindRange(const VoxelizeResult& result, const PreviewVolume& volume);
@@ -43,7 +50,7 @@ class PreviewColours {
   bool srgb_ = false;         // the values are codes of Encoding::kSrgb
   int components_ = 1;        // of `values_`
   float clear_ = 0;           // the stored value of voxels without fragments
-  float low_ = 0, high_ = 0;  // range of a scalar over the solid voxels that are not clear
+  float low_ = 0, high_ = 0;  // range of NumberOf over the solid voxels that are not clear; of kFragments, logarithms
 };
 
 }  // namespace voxelpipe

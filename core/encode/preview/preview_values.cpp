@@ -64,13 +64,30 @@ PreviewItems::PreviewItems(const VoxelizeResult& result) : result_(result) {
   }
 }
 
+uint64_t PreviewItems::PlaceOf(uint64_t n) const {
+  const std::span<const uint64_t> voxels = Words(result_.voxels);
+  const auto found = std::lower_bound(voxels.begin(), voxels.end(), n);
+  return found == voxels.end() || *found != n ? kNone : uint64_t(found - voxels.begin());
+}
+
+uint64_t PreviewItems::FragmentsOf(uint64_t n) const {
+  const uint64_t place = PlaceOf(n);
+  const std::span<const uint64_t> offsets = Words(result_.offsets);
+  return place == kNone ? 0 : offsets[place + 1] - offsets[place];
+}
+
+uint64_t PreviewItems::MaxFragments() const {
+  const std::span<const uint64_t> offsets = Words(result_.offsets);
+  uint64_t most = 0;
+  for (size_t i = 1; i < offsets.size(); ++i) most = std::max(most, offsets[i] - offsets[i - 1]);
+  return most;
+}
+
 uint64_t PreviewItems::Find(uint64_t n) const {
   if (result_.kind == ResultKind::kDense) return n;
   if (result_.kind == ResultKind::kBuckets) {
-    const std::span<const uint64_t> voxels = Words(result_.voxels);
-    const auto found = std::lower_bound(voxels.begin(), voxels.end(), n);
-    if (found == voxels.end() || *found != n) return kNone;
-    return Words(result_.offsets)[size_t(found - voxels.begin()) + 1] - 1;
+    const uint64_t place = PlaceOf(n);
+    return place == kNone ? kNone : Words(result_.offsets)[place + 1] - 1;
   }
   const auto& dims = result_.grid.dims;
   const uint64_t nx = uint64_t(dims[0]), ny = uint64_t(dims[1]);

@@ -26,10 +26,17 @@ class PreviewItems {
   // its last fragment, that of the largest triangle id, as blend `replace` would choose. kNone for a voxel that is not
   // listed.
   uint64_t Find(uint64_t n) const;
+  // Fragments of voxel n of a bucketed result; 0 if it is not listed.
+  uint64_t FragmentsOf(uint64_t n) const;
+  // The most fragments that a voxel of a bucketed result has.
+  uint64_t MaxFragments() const;
   // Items of the arrays.
   uint64_t count() const { return count_; }
 
  private:
+  // The place of voxel n in the list of a bucketed result, kNone if it has none.
+  uint64_t PlaceOf(uint64_t n) const;
+
   const VoxelizeResult& result_;
   uint64_t count_ = 0;
   std::vector<uint64_t> before_;  // sparse: voxels listed before those of a brick
@@ -50,6 +57,11 @@ class TargetValues {
       case VoxelFormat::kF16: return FromHalf(Load<uint16_t>(at));
       default: return Load<float>(at);
     }
+  }
+
+  // The exact value of a kU32 target.
+  uint32_t WordAt(uint64_t item, int component) const {
+    return Load<uint32_t>(item * item_stride_ + uint64_t(component) * component_stride_);
   }
 
  private:

@@ -118,6 +118,19 @@ TEST(RenderPreview, DrawsScalarsThroughAColourMap) {
   EXPECT_NE(RenderPreview(result, kSmall).value().rgb, RenderPreview(BallResult(32, 14.0 / 32), kSmall).value().rgb);
 }
 
+TEST(RenderPreview, DrawsVelocitiesByTheirLengthWhateverTheirDirection) {
+  const auto drawn = [](float sign, const std::string& shader) {
+    VoxelizeResult result = EmptyResult({32, 32, 32});
+    AddBits(result, Ball(16, 14));
+    AddFloats(
+        result, 3, [&](int64_t, int64_t j, int64_t, int c) { return c == 0 ? sign * float(j) : 0; }, shader);
+    return RenderPreview(result, kSmall).value().rgb;
+  };
+  EXPECT_EQ(drawn(1, "velocity"), drawn(-1, "velocity"));
+  EXPECT_NE(drawn(1, "velocity"), drawn(1, "base_color"));
+  EXPECT_NE(drawn(1, "velocity"), drawn(0, "velocity"));
+}
+
 TEST(RenderPreview, HandlesEmptyThinAndOddGrids) {
   VoxelizeResult empty = EmptyResult({4, 4, 4});
   AddBits(empty, [](int64_t, int64_t, int64_t) { return false; });
@@ -266,12 +279,15 @@ TEST(PreviewItems, FindExactlyTheListedVoxelsInTheirOrder) {
     if (!formula(n % d[0], n / d[0] % d[1], n / d[0] / d[1])) {
       ASSERT_EQ(in_sparse.Find(uint64_t(n)), PreviewItems::kNone) << n;
       ASSERT_EQ(in_buckets.Find(uint64_t(n)), PreviewItems::kNone) << n;
+      ASSERT_EQ(in_buckets.FragmentsOf(uint64_t(n)), 0u) << n;
       continue;
     }
     ASSERT_LT(in_sparse.Find(uint64_t(n)), met.size());
     ++met[in_sparse.Find(uint64_t(n))];
     ASSERT_EQ(in_buckets.Find(uint64_t(n)), offsets[++listed] - 1) << n;  // the last fragment
+    ASSERT_EQ(in_buckets.FragmentsOf(uint64_t(n)), 1 + uint64_t(n) % 3) << n;
   }
+  EXPECT_EQ(in_buckets.MaxFragments(), 3u);
   EXPECT_THAT(met, ::testing::Each(1));
   EXPECT_EQ(in_sparse.Find(0), 0u);
 }
@@ -309,6 +325,25 @@ TEST(RenderPreview, DrawsSparseAndBucketsAsTheDenseResultOfTheSameVoxels) {
       }
     }
   }
+}
+
+TEST(RenderPreview, ColoursBucketsWithoutValuesByTheirFragments) {
+  const std::array<int64_t, 3> d{29, 30, 31};
+  VoxelizeResult result = Listed(ResultKind::kBuckets, d, Layout::kInterleaved, Ball(15, 12));
+  TargetSpec bits;
+  result.specs.push_back(bits);
+  result.targets.push_back(HostBuffer::Allocate((PreviewItems(result).count() + 7) / 8).value());
+  const PreviewVolume volume = PreviewVolume::Build(result, nullptr).value();
+  const PreviewColours colours(result, volume);
+  const auto of = [&](uint64_t fragments) {  // a listed voxel with so many
+    for (uint64_t n = 0;; ++n) {
+      if (PreviewItems(result).FragmentsOf(n) == fragments) return colours.At(n);
+    }
+  };
+  // The map runs from violet to yellow.
+  EXPECT_LT(of(1).y, of(2).y);
+  EXPECT_LT(of(2).y, of(3).y);
+  EXPECT_GT(of(3).x, 0.9f);
 }
 
 TEST(RenderPreview, TakesColoursFromIntegersOverTheirScale) {
