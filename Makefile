@@ -19,9 +19,10 @@ help: ## List the tasks
 	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan|ci] [JOBS=N]"
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1|\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{printf "%-14s%s\n", $$1, $$2}'
 
-setup: ## Install the missing Debian packages (docker/packages-build.txt, packages-python.txt)
+setup: ## Install the missing Debian packages (docker/packages-build.txt, -python.txt, -viewer.txt)
 	@bash tests/support/apt_install.sh docker/packages-build.txt
 	@bash tests/support/apt_install.sh docker/packages-python.txt || echo "setup: going on without the tests in Python"
+	@command -v npm >/dev/null || bash tests/support/apt_install.sh docker/packages-viewer.txt || echo "setup: going on without .html results"
 
 configure: setup
 	@mkdir -p $(BUILD_DIR)

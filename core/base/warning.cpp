@@ -28,12 +28,13 @@ std::string_view Name(WarningCode code) {
     case WarningCode::kExtensionIgnored: return "extension_ignored";
     case WarningCode::kCountMismatch: return "count_mismatch";
     case WarningCode::kNonconformingFile: return "nonconforming_file";
+    case WarningCode::kNotKept: return "not_kept";
   }
   return "nonconforming_file";
 }
 
 std::optional<WarningCode> WarningCodeOf(std::string_view name) {
-  for (int i = 0; i <= int(WarningCode::kNonconformingFile); ++i) {
+  for (int i = 0; i <= int(WarningCode::kNotKept); ++i) {
     if (Name(WarningCode(i)) == name) return WarningCode(i);
   }
   return std::nullopt;

@@ -19,6 +19,7 @@ enum class WarningCode : uint8_t {
   kExtensionIgnored,    // an extension of extensionsRequired that changes nothing here
   kCountMismatch,       // two parts of the file give different counts
   kNonconformingFile,   // the file breaks a rule of its format, without consequence for the result
+  kNotKept,             // the format of the output does not hold a part of the result
 };
 
 // The name on the wire and in JSON: "texture_missing", ...

@@ -18,6 +18,7 @@ enum class TargetPlaces : uint8_t {
   kTogether,  // all in one file
   kFileEach,  // OUT.0.ext, OUT.1.ext, ...
   kOne,       // the format holds one target
+  kDrawn,     // the solid voxels and their colours, which several targets may give
 };
 
 struct OutputFormat {
@@ -31,9 +32,9 @@ struct OutputFormat {
   // In: a path, empty for standard output, and a job, which may be null and must outlive the writer. Out: a writer
   // whose Begin creates the file. Null for pictures, which are drawn from whole results (png_preview.h).
   std::unique_ptr<ResultFile> (*open)(const std::string& path, const JobContext* job) = nullptr;
-  // In: a grid. Out: what of its place the file does not tell, as one line for a warning; empty if nothing is lost.
-  // Null: nothing is worth a warning.
-  std::string (*lost_place)(const GridSpec& grid) = nullptr;
+  // In: the header of a result that the format holds. Out: what of it the file does not tell, as one line for a warning
+  // not_kept; empty if nothing is lost. Null: the file tells all.
+  std::string (*not_kept)(const ResultHeader& header) = nullptr;
 
   bool picture() const { return open == nullptr; }
   bool Holds(ResultKind kind) const {

@@ -100,7 +100,7 @@ void TextureField(A& archive, T& texture) {
 
 template <typename A, typename W>
 void WarningFields(A& archive, W& warning) {
-  archive.Enum(warning.code, WarningCode::kNonconformingFile);
+  archive.Enum(warning.code, WarningCode::kNotKept);
   archive.Text(warning.place);
   archive.Text(warning.text);
 }

@@ -4,6 +4,7 @@
 
 #include "encode/atomic_file.h"
 #include "encode/encode.h"
+#include "encode/format_registry.h"
 #include "encode/png_preview.h"
 #include "encode/result_file.h"
 #include "engine/clock.h"
@@ -60,6 +61,15 @@ absl::StatusOr<std::unique_ptr<ResultFile>> OpenFile(const OutputPlan& plan, con
   return OpenResultFile(plan.result, &job);
 }
 
+// Warns of what the format of the file does not hold.
+void AddNotKept(const OutputPlan& plan, const ResultHeader& header, WarningList& warnings) {
+  const OutputFormat* const format =
+      FindFormat(plan.standard_output.empty() ? FileExtension(plan.result) : plan.standard_output);
+  if (format == nullptr || format->not_kept == nullptr) return;
+  const std::string lost = format->not_kept(header);
+  if (!lost.empty()) warnings.Add(WarningCode::kNotKept, format->extension, lost);
+}
+
 // Measures the time of writing a file, and reports the number of voxels to on_grid.
 class TimedSink final : public ResultSink {
  public:
@@ -106,6 +116,10 @@ absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const Voxel
   absl::StatusOr<EngineRun> run = engine.Run(std::move(mesh), request, repeat, job, sink, picture ? &whole : nullptr);
   if (!run.ok()) return run.status();
   warnings.Append(run->runs.back().warnings);
+  if (file != nullptr) {
+    AddNotKept(plan, sink.header(), warnings);
+    if (absl::Status s = CheckStrict(request, warnings); !s.ok()) return s;
+  }
   run->warnings = std::move(warnings);
   report.header = sink.header();
   report.bytes = sink.bytes();

@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <array>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -8,6 +10,41 @@
 
 namespace voxelpipe {
 namespace {
+
+// Appends to lines of what is lost.
+void Append(std::string& lost, std::string_view what) {
+  absl::StrAppend(&lost, lost.empty() ? "" : "; ", std::string(what));
+}
+
+// Of several targets that are not bits, a drawing shows one; of bits, the first.
+std::string TargetsNotDrawn(const ResultHeader& header) {
+  const auto bits = std::count_if(header.specs.begin(), header.specs.end(),
+                                  [](const TargetSpec& spec) { return spec.format == VoxelFormat::kBit; });
+  const auto others = ptrdiff_t(header.specs.size()) - bits;
+  return bits > 1 || others > 1 ? "the file shows the solid voxels in one colour each, not every target" : "";
+}
+
+std::string PlaceNotInVox(const ResultHeader& header) {
+  std::string lost = "MagicaVoxel has no place for the grid's origin and voxel size";
+  if (const std::string targets = TargetsNotDrawn(header); !targets.empty()) Append(lost, targets);
+  return lost;
+}
+
+std::string NotInBinvox(const ResultHeader& header) {
+  std::string lost;
+  const Vec3d& size = header.grid.voxel_size;
+  if (size.x != size.y || size.x != size.z)
+    Append(lost, "binvox has one voxel size for all axes: that of x is written");
+  const bool values = std::any_of(header.specs.begin(), header.specs.end(),
+                                  [](const TargetSpec& spec) { return spec.format != VoxelFormat::kBit; });
+  if (values || header.specs.size() > 1) Append(lost, "binvox holds bits alone, of the solid voxels");
+  return lost;
+}
+
+// Formats that this build could have, and how.
+constexpr std::array<std::pair<std::string_view, std::string_view>, 2> kOptional = {
+    {{".nvdb", "this build was made without NanoVDB (Debian's libnanovdb-dev)"},
+     {".html", "this build was made without its viewer, which npm brings (-DVOXELPIPE_VIEWER=ON says why)"}}};
 
 const std::vector<OutputFormat>& List() {
   static const std::vector<OutputFormat> formats = [] {
@@ -42,6 +79,39 @@ const std::vector<OutputFormat>& List() {
                     .standard_output = false,
                     .directory = true,
                     .open = &MakeZarrDirectory});
+    list.push_back(
+        {.name = "ply", .extension = ".ply", .title = "points", .sparse = true, .buckets = true, .open = &MakePlyFile});
+    list.push_back({.name = "glb",
+                    .extension = ".glb",
+                    .title = "surface as glTF",
+                    .sparse = true,
+                    .buckets = true,
+                    .targets = TargetPlaces::kDrawn,
+                    .open = &MakeGlbFile,
+                    .not_kept = &TargetsNotDrawn});
+    list.push_back({.name = "vox",
+                    .extension = ".vox",
+                    .title = "MagicaVoxel",
+                    .sparse = true,
+                    .buckets = true,
+                    .targets = TargetPlaces::kDrawn,
+                    .open = &MakeVoxFile,
+                    .not_kept = &PlaceNotInVox});
+    list.push_back({.name = "binvox",
+                    .extension = ".binvox",
+                    .title = "binvox",
+                    .sparse = true,
+                    .buckets = true,
+                    .targets = TargetPlaces::kDrawn,
+                    .open = &MakeBinvoxFile,
+                    .not_kept = &NotInBinvox});
+#ifdef VOXELPIPE_HAVE_NANOVDB
+    list.push_back({.name = "nvdb", .extension = ".nvdb", .title = "NanoVDB", .sparse = true, .open = &MakeNvdbFile});
+#endif
+#ifdef VOXELPIPE_HAVE_VIEWER
+    list.push_back(
+        {.name = "html", .extension = ".html", .title = "page with a viewer", .sparse = true, .open = &MakeHtmlFile});
+#endif
     list.push_back({.name = "png", .extension = ".png", .title = "picture", .sparse = true, .buckets = true});
     return list;
   }();
@@ -100,8 +170,11 @@ absl::Status CheckHolds(std::string_view extension, ResultKind kind, size_t targ
   const OutputFormat* const format = FindFormat(extension);
   const std::string shown(extension);
   if (format == nullptr) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("no writer for '", shown, "'; known extensions are ", ListFormats(true)));
+    const auto* const absent = std::find_if(kOptional.begin(), kOptional.end(),
+                                            [&](const auto& optional) { return optional.first == extension; });
+    return absl::InvalidArgumentError(absl::StrCat("no writer for '", shown, "'", absent == kOptional.end() ? "" : ": ",
+                                                   absent == kOptional.end() ? "" : std::string(absent->second),
+                                                   "; known extensions are ", ListFormats(true)));
   }
   std::vector<std::string_view> others;
   const bool holds = format->Holds(kind);

@@ -26,7 +26,27 @@ std::unique_ptr<ResultFile> MakeNrrdFile(const std::string& path, const JobConte
 // halves as float32. Memory: a piece, and of interleaved components the compressed ones after the first.
 std::unique_ptr<ResultFile> MakeNiftiFile(const std::string& path, const JobContext* job);
 // Dense: a directory, an OME-Zarr 0.4 image of each target with the axes c, z, y, x; one target is the root, several
-// are groups "target0", ... Bits as uint8 0/1. Coordinates are centres. Memory: a row of chunks, 16 layers.
+// are groups "target0", ... Bits as uint8 0/1. Coordinates are centres. Levels of half the resolution follow until no axis
+// exceeds 256 voxels. Memory: a row of chunks of each level, twice 16 layers.
 std::unique_ptr<ResultFile> MakeZarrDirectory(const std::string& path, const JobContext* job);
+
+// The following collect the result first (drawn/whole_file.h). All but .ply hold what a picture shows: the solid voxels
+// and their colours by the rules of RenderPreview (png_preview.h).
+
+// Any kind: a point for each occupied voxel, or each fragment, with x, y, z of the centre, the index i, j, k, and each
+// component of each target; red, green and blue where a picture has colours.
+std::unique_ptr<ResultFile> MakePlyFile(const std::string& path, const JobContext* job);
+// Any kind: the exposed faces as triangles.
+std::unique_ptr<ResultFile> MakeGlbFile(const std::string& path, const JobContext* job);
+// Any kind: models of up to 256 voxels a side, up to 255 colours.
+std::unique_ptr<ResultFile> MakeVoxFile(const std::string& path, const JobContext* job);
+// Any kind: bits alone, in a cube.
+std::unique_ptr<ResultFile> MakeBinvoxFile(const std::string& path, const JobContext* job);
+// Dense and sparse: a fog volume "density", and of each target that is not bits a grid: Vec3f of the first three
+// components, floats of the others. u8 of 3 or 4 components as fractions.
+std::unique_ptr<ResultFile> MakeNvdbFile(const std::string& path, const JobContext* job);
+
+// Dense and sparse: a page with a viewer (drawn/html.cpp).
+std::unique_ptr<ResultFile> MakeHtmlFile(const std::string& path, const JobContext* job);
 
 }  // namespace voxelpipe

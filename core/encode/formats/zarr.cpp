@@ -2,12 +2,7 @@
 //
 // Sources: A. Miles et al., "Zarr storage specification version 2"; J. Moore et al., "OME-NGFF specification 0.4",
 // 2022 (ngff.openmicroscopy.org).
-#include <tbb/parallel_for.h>
-
 #include <algorithm>
-#include <atomic>
-#include <cstring>
-#include <mutex>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
@@ -18,6 +13,7 @@
 #include "encode/formats/bytes.h"
 #include "encode/formats/deflate.h"
 #include "encode/formats/writers.h"
+#include "encode/formats/zarr_level.h"
 #include "encode/npy.h"
 
 namespace voxelpipe {
@@ -25,7 +21,8 @@ namespace {
 
 using nlohmann::ordered_json;
 
-constexpr std::array<uint64_t, 3> kMaxChunk = {16, 256, 256};  // z, y, x
+// Levels are halved until no axis has more voxels. Viewers show the last one at once.
+constexpr uint64_t kMaxLastLevel = 256;
 
 class ZarrDirectory final : public ResultFile {
  public:
@@ -34,10 +31,6 @@ class ZarrDirectory final : public ResultFile {
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(".zarr", header.kind, header.specs.size()); !s.ok()) return s;
     header_ = header;
-    for (size_t a = 0; a < 3; ++a) {
-      dims_[a] = uint64_t(header.grid.dims[2 - a]);
-      chunk_[a] = std::min(kMaxChunk[a], dims_[a]);
-    }
     absl::StatusOr<AtomicDirectory> directory = AtomicDirectory::Create(path_, ".zgroup");
     if (!directory.ok()) return directory.status();
     directory_.emplace(*std::move(directory));
@@ -52,6 +45,7 @@ class ZarrDirectory final : public ResultFile {
       image.type = header.arrays[i].type;
       image.components = uint64_t(header.specs[i].components);
       image.elements.emplace(image.type, header.grid.voxels() * image.components);
+      AddLevels(image);
       if (absl::Status s = WriteMetadata(image, header.arrays[i].name); !s.ok()) return s;
       images_.push_back(std::move(image));
     }
@@ -60,43 +54,38 @@ class ZarrDirectory final : public ResultFile {
 
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
     Image& image = images_[array];
-    return image.elements->Write(bytes, [&](std::span<const uint8_t> stored) {
-      while (!stored.empty()) {
-        const uint64_t whole = SlabBytes(image);
-        const std::span<const uint8_t> piece =
-            stored.first(size_t(std::min<uint64_t>(stored.size(), whole - slab_.size())));
-        slab_.insert(slab_.end(), piece.begin(), piece.end());
-        stored = stored.subspan(piece.size());
-        if (slab_.size() < whole) break;
-        if (absl::Status s = WriteSlab(image); !s.ok()) return s;
-      }
-      return absl::OkStatus();
-    });
+    return image.elements->Write(bytes,
+                                 [&](std::span<const uint8_t> stored) { return image.levels[0]->Write(stored); });
   }
 
   absl::Status Commit() override {
     for (const Image& image : images_) {
-      if (image.planes_done < Planes(image)) return absl::InternalError("the result is not complete");
+      if (!image.levels[0]->complete()) return absl::InternalError("the result is not complete");
     }
     return directory_->Commit();
   }
 
  private:
-  // A target: a group with the array 0.
+  // A target: a group with the arrays 0, 1, ..., each half of the one before.
   struct Image {
     std::string prefix;
     ElementType type;
     uint64_t components;
     std::optional<NpyElements> elements;
-    uint64_t planes_done = 0, layers_done = 0;  // layers of the present plane
+    std::unique_ptr<ZarrLevel> first;
+    std::vector<ZarrLevel*> levels;  // the first one and those below it
   };
 
-  // Arrays that arrive one after the other: the components of a planar target.
-  uint64_t Planes(const Image& image) const { return header_.layout == Layout::kPlanar ? image.components : 1; }
-  uint64_t Together(const Image& image) const { return image.components / Planes(image); }
-  uint64_t SlabLayers(const Image& image) const { return std::min(chunk_[0], dims_[0] - image.layers_done); }
-  uint64_t SlabBytes(const Image& image) const {
-    return NpyBytes(image.type, SlabLayers(image) * dims_[1] * dims_[2] * Together(image));
+  void AddLevels(Image& image) const {
+    const auto& dims = header_.grid.dims;
+    const uint64_t planes = header_.layout == Layout::kPlanar ? image.components : 1;
+    image.first = std::make_unique<ZarrLevel>(image.prefix + "0/", image.type,
+                                              ZarrLevel::Dims{uint64_t(dims[2]), uint64_t(dims[1]), uint64_t(dims[0])},
+                                              planes, image.components / planes, *directory_, job_);
+    image.levels = {image.first.get()};
+    while (*std::max_element(image.levels.back()->dims().begin(), image.levels.back()->dims().end()) > kMaxLastLevel) {
+      image.levels.push_back(&image.levels.back()->AddHalf(absl::StrCat(image.prefix, image.levels.size(), "/")));
+    }
   }
 
   ordered_json Place() const {
@@ -111,96 +100,63 @@ class ZarrDirectory final : public ResultFile {
   }
 
   absl::Status WriteMetadata(const Image& image, const std::string& name) const {
-    const Vec3d &h = header_.grid.voxel_size, &o = header_.grid.origin;
-    ordered_json axes = ordered_json::array(), names = axes, scale = axes, centre = axes, shape = axes, chunks = axes;
-    const auto add = [&](const char* axis, bool space, double step, double first, uint64_t size, uint64_t chunk) {
-      axes.push_back(space ? ordered_json{{"name", axis}, {"type", "space"}, {"unit", "meter"}}
-                           : ordered_json{{"name", axis}, {"type", "channel"}});
-      names.push_back(axis);
-      scale.push_back(step);
-      centre.push_back(first);
-      shape.push_back(size);
-      chunks.push_back(chunk);
-    };
-    if (image.components > 1) add("c", false, 1, 0, image.components, 1);
-    add("z", true, h.z, o.z + h.z / 2, dims_[0], chunk_[0]);
-    add("y", true, h.y, o.y + h.y / 2, dims_[1], chunk_[1]);
-    add("x", true, h.x, o.x + h.x / 2, dims_[2], chunk_[2]);
-    const ordered_json transforms = {{{"type", "scale"}, {"scale", scale}},
-                                     {{"type", "translation"}, {"translation", centre}}};
+    const bool vector = image.components > 1;
+    ordered_json axes = ordered_json::array(), names = axes, datasets = axes;
+    if (vector) axes.push_back({{"name", "c"}, {"type", "channel"}});
+    for (const char* axis : {"z", "y", "x"}) axes.push_back({{"name", axis}, {"type", "space"}, {"unit", "meter"}});
+    for (const ordered_json& axis : axes) names.push_back(axis["name"]);
+    absl::Status s;
+    for (size_t n = 0; n < image.levels.size() && s.ok(); ++n) {
+      const ZarrLevel& level = *image.levels[n];
+      datasets.push_back({{"path", absl::StrCat(n)}, {"coordinateTransformations", Transforms(vector, n)}});
+      const ordered_json array = {{"zarr_format", 2},
+                                  {"shape", WithComponents(image, level.dims(), image.components)},
+                                  {"chunks", WithComponents(image, level.chunk(), 1)},
+                                  {"dtype", std::string(NpyDescr(image.type))},
+                                  {"compressor", {{"id", "zlib"}, {"level", kDeflateLevel}}},
+                                  {"fill_value", 0},
+                                  {"order", "C"},
+                                  {"filters", nullptr},
+                                  {"dimension_separator", "/"}};
+      s = WriteJson(absl::StrCat(image.prefix, n, "/.zarray"), array);
+      if (s.ok()) s = WriteJson(absl::StrCat(image.prefix, n, "/.zattrs"), {{"_ARRAY_DIMENSIONS", names}});
+    }
     const ordered_json multiscale = {
-        {"version", "0.4"},
-        {"name", name},
-        {"axes", axes},
-        {"datasets", ordered_json::array({{{"path", "0"}, {"coordinateTransformations", transforms}}})}};
+        {"version", "0.4"}, {"name", name}, {"axes", axes}, {"datasets", datasets}, {"type", "largest magnitude"}};
     const ordered_json attributes = {{"multiscales", ordered_json::array({multiscale})}, {"voxelpipe", Place()}};
-    const ordered_json array = {{"zarr_format", 2},
-                                {"shape", shape},
-                                {"chunks", chunks},
-                                {"dtype", std::string(NpyDescr(image.type))},
-                                {"compressor", {{"id", "zlib"}, {"level", kDeflateLevel}}},
-                                {"fill_value", 0},
-                                {"order", "C"},
-                                {"filters", nullptr},
-                                {"dimension_separator", "/"}};
-    absl::Status s = WriteJson(image.prefix + ".zgroup", {{"zarr_format", 2}});
+    if (s.ok()) s = WriteJson(image.prefix + ".zgroup", {{"zarr_format", 2}});
     if (s.ok()) s = WriteJson(image.prefix + ".zattrs", attributes);
-    if (s.ok()) s = WriteJson(image.prefix + "0/.zarray", array);
-    if (s.ok()) s = WriteJson(image.prefix + "0/.zattrs", {{"_ARRAY_DIMENSIONS", names}});
     return s;
   }
 
-  // A row of chunks along z, of all components that arrive together.
-  absl::Status WriteSlab(Image& image) {
-    const uint64_t rows = (dims_[1] + chunk_[1] - 1) / chunk_[1], columns = (dims_[2] + chunk_[2] - 1) / chunk_[2];
-    std::mutex mutex;
-    absl::Status first;
-    tbb::parallel_for(uint64_t{0}, Together(image) * rows * columns, [&](uint64_t n) {
-      const absl::Status s = WriteChunk(image, n / columns / rows, n / columns % rows, n % columns);
-      const std::lock_guard lock(mutex);
-      first.Update(s);
-    });
-    image.layers_done += SlabLayers(image);
-    slab_.clear();
-    if (image.layers_done == dims_[0]) {
-      image.layers_done = 0;
-      ++image.planes_done;
-    }
-    return first;
+  static ordered_json WithComponents(const Image& image, const ZarrLevel::Dims& dims, uint64_t components) {
+    ordered_json list = ordered_json::array();
+    if (image.components > 1) list.push_back(components);
+    for (const uint64_t dim : dims) list.push_back(dim);
+    return list;
   }
 
-  // Chunks of Zarr are whole: those at the end of an axis are filled up with zeros. One of zeros only is left out.
-  absl::Status WriteChunk(const Image& image, uint64_t component, uint64_t row, uint64_t column) const {
-    const uint64_t bytes = NpyBytes(image.type, 1), together = Together(image);
-    const uint64_t layers = SlabLayers(image);
-    const uint64_t y0 = row * chunk_[1], x0 = column * chunk_[2];
-    const uint64_t ny = std::min(chunk_[1], dims_[1] - y0), nx = std::min(chunk_[2], dims_[2] - x0);
-    std::vector<uint8_t> chunk(chunk_[0] * chunk_[1] * chunk_[2] * bytes);
-    for (uint64_t k = 0; k < layers; ++k) {
-      for (uint64_t j = 0; j < ny; ++j) {
-        uint8_t* to = &chunk[(k * chunk_[1] + j) * chunk_[2] * bytes];
-        const uint8_t* from = &slab_[(((k * dims_[1] + y0 + j) * dims_[2] + x0) * together + component) * bytes];
-        if (together == 1) {
-          std::memcpy(to, from, nx * bytes);
-          continue;
-        }
-        for (uint64_t i = 0; i < nx; ++i, to += bytes, from += together * bytes) std::memcpy(to, from, bytes);
-      }
+  // Of indices to the world: to the centres of a level's voxels. A voxel of level n spans 2^n of the grid an axis.
+  ordered_json Transforms(bool vector, size_t level) const {
+    const Vec3d &h = header_.grid.voxel_size, &o = header_.grid.origin;
+    const double step = double(uint64_t{1} << level);
+    ordered_json scale = ordered_json::array(), centre = scale;
+    if (vector) {
+      scale.push_back(1);
+      centre.push_back(0);
     }
-    if (std::all_of(chunk.begin(), chunk.end(), [](uint8_t byte) { return byte == 0; })) return absl::OkStatus();
-    std::string name = image.prefix + "0/";
-    if (image.components > 1) absl::StrAppend(&name, together > 1 ? component : image.planes_done, "/");
-    absl::StrAppend(&name, image.layers_done / chunk_[0], "/", row, "/", column);
-    return directory_->WriteFile(name, ZlibBlock(chunk), job_);
+    for (const double size : {h.z, h.y, h.x}) scale.push_back(size * step);
+    for (const auto& [origin, size] : {std::pair{o.z, h.z}, {o.y, h.y}, {o.x, h.x}}) {
+      centre.push_back(origin + size * step / 2);
+    }
+    return {{{"type", "scale"}, {"scale", scale}}, {{"type", "translation"}, {"translation", centre}}};
   }
 
   std::string path_;
   const JobContext* job_;
   ResultHeader header_;
-  std::array<uint64_t, 3> dims_{}, chunk_{};  // z, y, x
   std::optional<AtomicDirectory> directory_;
   std::vector<Image> images_;  // one a target
-  std::vector<uint8_t> slab_;  // layers of the image that receives
 };
 
 }  // namespace

@@ -1,0 +1,180 @@
+// glTF 2.0, binary: the exposed faces of the solid voxels, with the voxels' colours at shared vertices.
+//
+// Source: Khronos Group, "glTF 2.0 Specification", 2021. Positions count in voxels, which floats hold exactly, and the
+// node places them in the world. There are no normals: viewers then shade each face flat, as glTF has it.
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "absl/container/flat_hash_map.h"
+#include "absl/strings/str_cat.h"
+#include "encode/drawn/exposed_faces.h"
+#include "encode/drawn/whole_file.h"
+#include "encode/formats/bytes.h"
+#include "encode/formats/writers.h"
+
+namespace voxelpipe {
+namespace {
+
+using nlohmann::ordered_json;
+
+constexpr int kFloat = 5126, kUnsignedInt = 5125, kUnsignedShort = 5123;  // component types
+constexpr int kArrayBuffer = 34962, kElementArrayBuffer = 34963;
+constexpr uint64_t kMaxFileBytes = std::numeric_limits<uint32_t>::max();
+
+// Linear, in 16 bits; the fourth is 1.
+using Colour = std::array<uint16_t, 4>;
+
+Colour ColourOf(const Vec3f& linear) {
+  const auto code = [](float v) { return uint16_t(std::lround(std::clamp(v, 0.0f, 1.0f) * 65535)); };
+  return {code(linear.x), code(linear.y), code(linear.z), 65535};
+}
+
+// Corners of faces that are equal in place and colour become one vertex.
+class Surface {
+ public:
+  explicit Surface(const DrawnResult& drawn) : drawn_(drawn), coloured_(drawn.colours.has_colours()) {}
+
+  // RESOURCE_EXHAUSTED as soon as the file would have more bytes than its header can count.
+  absl::Status Build(const JobContext* job) {
+    const int64_t layers = drawn_.volume.dims()[2];
+    for (int64_t k = 0; k < layers; ++k) {
+      if (job != nullptr) {
+        if (absl::Status s = job->Check(); !s.ok()) return s;
+      }
+      VisitFaces(drawn_.volume, k, [&](int64_t i, int64_t j, uint64_t n, int side) { AddFace({i, j, k}, n, side); });
+      if (bytes() > kMaxFileBytes) {
+        return absl::ResourceExhaustedError(
+            absl::StrCat(".glb counts bytes in 32 bits: after ", k + 1, " of ", layers, " layers the surface has ",
+                         bytes(), ", more than ", kMaxFileBytes, "; a lower resolution fits, or .ply, .npz and .nvdb"));
+      }
+      corners_[0].swap(corners_[1]);  // the upper corners are the lower ones of the next layer
+      corners_[1].clear();
+    }
+    return absl::OkStatus();
+  }
+
+  uint64_t bytes() const {
+    return positions.size() * sizeof(float) + colours.size() * sizeof(Colour) + indices.size() * sizeof(uint32_t);
+  }
+
+  std::vector<float> positions;
+  std::vector<Colour> colours;  // empty if all voxels have one
+  std::vector<uint32_t> indices;
+  std::array<float, 3> low, high;
+
+ private:
+  // x and y of the corner, 32 bits each, and the bits of the colour.
+  using Key = std::pair<uint64_t, uint64_t>;
+
+  void AddFace(const std::array<int64_t, 3>& voxel, uint64_t n, int side) {
+    const Colour colour = coloured_ ? ColourOf(drawn_.colours.At(n)) : Colour{};
+    uint64_t bits;
+    std::memcpy(&bits, colour.data(), sizeof bits);
+    std::array<uint32_t, 4> face;
+    for (size_t c = 0; c < 4; ++c) {
+      const auto& offset = kSideCorners[size_t(side)][c];
+      const Key key{uint64_t(voxel[0] + offset[0]) << 32 | uint64_t(voxel[1] + offset[1]), bits};
+      const auto [entry, added] = corners_[offset[2]].try_emplace(key, uint32_t(positions.size() / 3));
+      if (added) AddVertex({voxel[0] + offset[0], voxel[1] + offset[1], voxel[2] + offset[2]}, colour);
+      face[c] = entry->second;
+    }
+    for (const size_t c : {0, 1, 2, 0, 2, 3}) indices.push_back(face[c]);
+  }
+
+  void AddVertex(const std::array<int64_t, 3>& corner, const Colour& colour) {
+    for (size_t a = 0; a < 3; ++a) {
+      const auto value = float(corner[a]);
+      low[a] = positions.size() < 3 ? value : std::min(low[a], value);
+      high[a] = positions.size() < 3 ? value : std::max(high[a], value);
+    }
+    for (const int64_t value : corner) positions.push_back(float(value));
+    if (coloured_) colours.push_back(colour);
+  }
+
+  const DrawnResult& drawn_;
+  bool coloured_;
+  std::array<absl::flat_hash_map<Key, uint32_t>, 2> corners_;  // below and above the present layer
+};
+
+ordered_json SceneOf(const GridSpec& grid, const Surface& surface) {
+  const Vec3d &o = grid.origin, &h = grid.voxel_size;
+  ordered_json node = {{"name", "voxels"}, {"translation", {o.x, o.y, o.z}}, {"scale", {h.x, h.y, h.z}}};
+  node["extras"] = {{"dims", grid.dims}, {"origin", {o.x, o.y, o.z}}, {"voxel_size", {h.x, h.y, h.z}}};
+  ordered_json json = {
+      {"asset", {{"version", "2.0"}, {"generator", "voxelpipe"}}}, {"scene", 0}, {"scenes", {{{"nodes", {0}}}}}};
+  if (surface.indices.empty()) {
+    json["nodes"] = ordered_json::array({node});
+    return json;
+  }
+  node["mesh"] = 0;
+  json["nodes"] = ordered_json::array({node});
+  ordered_json attributes = {{"POSITION", 0}};
+  ordered_json views = ordered_json::array(), accessors = ordered_json::array();
+  uint64_t at = 0;
+  const auto add = [&](uint64_t bytes, int target, const ordered_json& accessor) {
+    views.push_back({{"buffer", 0}, {"byteOffset", at}, {"byteLength", bytes}, {"target", target}});
+    ordered_json own = {{"bufferView", views.size() - 1}};
+    own.update(accessor);
+    accessors.push_back(own);
+    at += bytes;
+  };
+  add(surface.positions.size() * sizeof(float), kArrayBuffer,
+      {{"componentType", kFloat},
+       {"count", surface.positions.size() / 3},
+       {"type", "VEC3"},
+       {"min", surface.low},
+       {"max", surface.high}});
+  if (!surface.colours.empty()) {
+    attributes["COLOR_0"] = 1;
+    add(surface.colours.size() * sizeof(Colour), kArrayBuffer,
+        {{"componentType", kUnsignedShort}, {"normalized", true}, {"count", surface.colours.size()}, {"type", "VEC4"}});
+  }
+  add(surface.indices.size() * sizeof(uint32_t), kElementArrayBuffer,
+      {{"componentType", kUnsignedInt}, {"count", surface.indices.size()}, {"type", "SCALAR"}});
+  json["meshes"] = ordered_json::array(
+      {{{"primitives",
+         ordered_json::array({{{"attributes", attributes}, {"indices", accessors.size() - 1}, {"material", 0}}})}}});
+  json["materials"] =
+      ordered_json::array({{{"pbrMetallicRoughness", {{"metallicFactor", 0}, {"roughnessFactor", 1}}}}});
+  json["accessors"] = accessors;
+  json["bufferViews"] = views;
+  json["buffers"] = ordered_json::array({{{"byteLength", at}}});
+  return json;
+}
+
+template <typename T>
+std::span<const uint8_t> AsBytes(const std::vector<T>& values) {
+  return {reinterpret_cast<const uint8_t*>(values.data()), values.size() * sizeof(T)};
+}
+
+absl::Status EncodeGlb(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
+  Surface surface(drawn);
+  if (absl::Status s = surface.Build(job); !s.ok()) return s;
+  std::string json = SceneOf(drawn.result.grid, surface).dump();
+  json.resize((json.size() + 3) / 4 * 4, ' ');
+  constexpr uint64_t kHeadBytes = 12, kChunkBytes = 8;
+  const uint64_t binary = surface.bytes();  // a multiple of 4
+  const uint64_t whole = kHeadBytes + kChunkBytes + json.size() + (binary > 0 ? kChunkBytes + binary : 0);
+  if (whole > kMaxFileBytes) {
+    return absl::ResourceExhaustedError(
+        absl::StrCat(".glb counts bytes in 32 bits, and the file has ", whole, "; .ply, .npz and .nvdb hold it"));
+  }
+  Bytes head;
+  head.Text("glTF").Put(uint32_t{2}).Put(uint32_t(whole)).Put(uint32_t(json.size())).Text("JSON").Text(json);
+  if (binary > 0) head.Put(uint32_t(binary)).Text(std::string_view("BIN\0", 4));
+  absl::Status s = file.Write(head.span(), job);
+  if (s.ok()) s = file.Write(AsBytes(surface.positions), job);
+  if (s.ok()) s = file.Write(AsBytes(surface.colours), job);
+  if (s.ok()) s = file.Write(AsBytes(surface.indices), job);
+  return s;
+}
+
+}  // namespace
+
+std::unique_ptr<ResultFile> MakeGlbFile(const std::string& path, const JobContext* job) {
+  return MakeWholeFile(".glb", path, job, &EncodeGlb);
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,212 @@
+// A page with a viewer of the exposed voxels: one file that needs no network.
+//
+// The page holds the data as base64 of a zlib stream of:
+//   "VXV1", u32 bytes of the description, the description (JSON, padded with spaces to a multiple of 4 with these 8)
+//   u16 x 4 a drawn voxel: x, y, z, and a bit for each exposed side (-x, +x, -y, +y, -z, +z)
+//   for each target of the description its values by voxel and component, u8, u16, u32 or f32
+// Each array is padded to a multiple of 4 bytes; numbers are little endian. viewer/payload.js reads it. Where the surface
+// has more faces than browsers draw fluently, voxels are joined two by two by two: solid if one of them is.
+#include <tbb/parallel_for.h>
+
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <vector>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_cat.h"
+#include "encode/drawn/exposed_faces.h"
+#include "encode/drawn/whole_file.h"
+#include "encode/formats/bytes.h"
+#include "encode/formats/deflate.h"
+#include "encode/formats/writers.h"
+#include "encode/viewer/viewer_program.h"
+
+namespace voxelpipe {
+namespace {
+
+using nlohmann::ordered_json;
+
+constexpr uint64_t kMaxFaces = 2'000'000;
+constexpr int64_t kMaxSide = 65'535;  // cells are counted in 16 bits
+
+uint64_t CountFaces(const PreviewVolume& volume) {
+  std::vector<uint64_t> layers(size_t(volume.dims()[2]));
+  tbb::parallel_for(int64_t{0}, volume.dims()[2], [&](int64_t k) {
+    VisitFaces(volume, k, [&](int64_t, int64_t, uint64_t, int) { ++layers[size_t(k)]; });
+  });
+  uint64_t faces = 0;
+  for (const uint64_t count : layers) faces += count;
+  return faces;
+}
+
+// Two by two by two voxels as one, solid if one is.
+absl::StatusOr<VoxelizeResult> Halved(const PreviewVolume& fine) {
+  VoxelizeRequest request;
+  request.targets.emplace_back();  // bits
+  GridSpec grid;
+  for (size_t a = 0; a < 3; ++a) grid.dims[a] = (fine.dims()[a] + 1) / 2;
+  absl::StatusOr<VoxelizeResult> half = AllocateResult(DenseHeader(request, grid));
+  if (!half.ok()) return half;
+  uint8_t* const bits = half->targets[0].data();
+  std::memset(bits, 0, half->targets[0].size());
+  for (int64_t k = 0; k < fine.dims()[2]; ++k) {
+    VisitLayer(fine, k, [&](int64_t i, int64_t j, uint64_t) {
+      const uint64_t n = uint64_t(i / 2 + grid.dims[0] * (j / 2 + grid.dims[1] * (k / 2)));
+      bits[n / 8] |= uint8_t(1 << (n % 8));
+    });
+  }
+  return half;
+}
+
+// A voxel that is drawn.
+struct Cell {
+  std::array<int64_t, 3> index;
+  uint16_t sides;
+  uint64_t n;  // of the voxel of the result whose values it has
+};
+
+// The first solid voxel of the result in a cell of `step` voxels a side.
+uint64_t FirstSolid(const PreviewVolume& volume, const std::array<int64_t, 3>& cell, int64_t step) {
+  for (int64_t k = cell[2] * step; k < (cell[2] + 1) * step; ++k) {
+    for (int64_t j = cell[1] * step; j < (cell[1] + 1) * step; ++j) {
+      for (int64_t i = cell[0] * step; i < (cell[0] + 1) * step; ++i) {
+        if (volume.Solid(i, j, k)) return volume.Linear(i, j, k);
+      }
+    }
+  }
+  return 0;
+}
+
+std::vector<Cell> CellsOf(const PreviewVolume& drawn, const PreviewVolume& whole, int64_t step) {
+  std::vector<Cell> cells;
+  uint64_t last = ~uint64_t{0};
+  for (int64_t k = 0; k < drawn.dims()[2]; ++k) {
+    VisitFaces(drawn, k, [&](int64_t i, int64_t j, uint64_t n, int side) {
+      if (n != last) cells.push_back({{i, j, k}, 0, step == 1 ? n : FirstSolid(whole, {i, j, k}, step)});
+      last = n;
+      cells.back().sides |= uint16_t(1 << side);
+    });
+  }
+  return cells;
+}
+
+// How the viewer makes a colour of the values (viewer/colours.js).
+std::string_view ShownAs(const TargetSpec& spec) {
+  if (spec.components < 3 || !(ColourUnit(spec) > 0)) return "number";
+  if (spec.shader.name == "velocity") return "length";
+  if (spec.shader.name == "normal" || spec.shader.name == "geometric_normal") return "unit_vector";
+  return spec.encoding == Encoding::kSrgb ? "codes" : "linear";
+}
+
+std::string_view StoredAs(VoxelFormat format) {
+  switch (format) {
+    case VoxelFormat::kU8: return "u8";
+    case VoxelFormat::kU16: return "u16";
+    case VoxelFormat::kU32: return "u32";
+    default: return "f32";
+  }
+}
+
+void PutPadding(Bytes& bytes) {
+  bytes.Padded("", (4 - bytes.size() % 4) % 4);
+}
+
+void PutValues(const TargetValues& values, const TargetSpec& spec, const PreviewItems& items,
+               const std::vector<Cell>& cells, Bytes& bytes) {
+  for (const Cell& cell : cells) {
+    const uint64_t item = items.Find(cell.n);
+    for (int c = 0; c < spec.components; ++c) {
+      switch (spec.format) {
+        case VoxelFormat::kU8: bytes.Put(uint8_t(values.At(item, c))); break;
+        case VoxelFormat::kU16: bytes.Put(uint16_t(values.At(item, c))); break;
+        case VoxelFormat::kU32: bytes.Put(values.WordAt(item, c)); break;
+        default: bytes.Put(values.At(item, c)); break;
+      }
+    }
+  }
+  PutPadding(bytes);
+}
+
+std::string Three(const Vec3d& v) {
+  return absl::StrCat(v.x, ", ", v.y, ", ", v.z);
+}
+
+ordered_json Describe(const VoxelizeResult& result, const PreviewVolume& drawn, int64_t step, uint64_t solid,
+                      uint64_t whole_faces, uint64_t cells) {
+  const GridSpec& grid = result.grid;
+  const Vec3d &o = grid.origin, h = grid.voxel_size * double(step);
+  ordered_json json;
+  json["title"] = absl::StrCat(grid.dims[0], " x ", grid.dims[1], " x ", grid.dims[2], " voxels of ",
+                               Three(grid.voxel_size), "\norigin ", Three(o), "\n", solid, " solid voxels");
+  json["dims"] = drawn.dims();
+  json["origin"] = {o.x, o.y, o.z};
+  json["voxel_size"] = {h.x, h.y, h.z};
+  json["step"] = step;
+  json["whole_faces"] = whole_faces;
+  json["voxels"] = cells;
+  json["targets"] = ordered_json::array();
+  for (size_t t = 0; t < result.specs.size(); ++t) {
+    const TargetSpec& spec = result.specs[t];
+    if (spec.format == VoxelFormat::kBit) continue;
+    json["targets"].push_back(
+        {{"name", absl::StrCat("target", t)},
+         {"title", absl::StrCat(std::string(Name(spec.format)), "x", spec.components, " ", spec.shader.name)},
+         {"format", StoredAs(spec.format)},
+         {"components", spec.components},
+         {"shows", ShownAs(spec)},
+         {"unit", ColourUnit(spec)}});
+  }
+  return json;
+}
+
+absl::Status EncodeHtml(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
+  const PreviewVolume* shown = &drawn.volume;
+  std::optional<VoxelizeResult> half;
+  std::optional<PreviewVolume> half_volume;
+  const uint64_t whole_faces = CountFaces(drawn.volume);
+  int64_t step = 1;
+  for (uint64_t faces = whole_faces;
+       faces > kMaxFaces || *std::max_element(shown->dims().begin(), shown->dims().end()) > kMaxSide;
+       faces = CountFaces(*shown)) {
+    absl::StatusOr<VoxelizeResult> next = Halved(*shown);
+    if (!next.ok()) return next.status();
+    half_volume.reset();  // borrows the result that is replaced
+    half.emplace(*std::move(next));
+    absl::StatusOr<PreviewVolume> volume = PreviewVolume::Build(*half, job);
+    if (!volume.ok()) return volume.status();
+    shown = &half_volume.emplace(*std::move(volume));
+    step *= 2;
+  }
+  const std::vector<Cell> cells = CellsOf(*shown, drawn.volume, step);
+  const VoxelizeResult& result = drawn.result;
+  std::string json = Describe(result, *shown, step, CountSolid(drawn.volume), whole_faces, cells.size()).dump();
+  json.resize((json.size() + 3) / 4 * 4, ' ');
+  Bytes bytes;
+  bytes.Text("VXV1").Put(uint32_t(json.size())).Text(json);
+  for (const Cell& cell : cells) {
+    for (const int64_t index : cell.index) bytes.Put(uint16_t(index));
+    bytes.Put(cell.sides);
+  }
+  const PreviewItems items(result);
+  for (size_t t = 0; t < result.specs.size(); ++t) {
+    const TargetSpec& spec = result.specs[t];
+    if (spec.format != VoxelFormat::kBit) PutValues({result, t, items.count()}, spec, items, cells, bytes);
+  }
+  const std::vector<uint8_t> packed = ZlibBlock(bytes.span());
+  const std::string text = absl::Base64Escape({reinterpret_cast<const char*>(packed.data()), packed.size()});
+  absl::Status s = file.Write(BytesOf(ViewerPage()), job);
+  for (const std::string_view part : {std::string_view("<script type=\"application/octet-stream\" id=\"voxels\">"),
+                                      std::string_view(text), std::string_view("</script>\n<script type=\"module\">"),
+                                      ViewerScript(), std::string_view("</script>\n</body>\n</html>\n")}) {
+    if (s.ok()) s = file.Write(BytesOf(part), job);
+  }
+  return s;
+}
+
+}  // namespace
+
+std::unique_ptr<ResultFile> MakeHtmlFile(const std::string& path, const JobContext* job) {
+  return MakeWholeFile(".html", path, job, &EncodeHtml);
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,101 @@
+// NanoVDB files: a fog volume "density", and a grid of each target that is not bits.
+//
+// Source: K. Museth, "NanoVDB: A GPU-Friendly and Portable VDB Data Structure For Real-Time Rendering And Simulation",
+// SIGGRAPH Talks 2021; the file format is that of its header-only library, which writes it here. Integer coordinates are
+// the centres of voxels. Not compressed: some readers take nothing else.
+#include <nanovdb/util/GridBuilder.h>
+#include <nanovdb/util/IO.h>
+
+#include <exception>
+#include <new>
+#include <sstream>
+#include <vector>
+
+#include "absl/strings/str_cat.h"
+#include "encode/drawn/whole_file.h"
+#include "encode/formats/writers.h"
+
+namespace voxelpipe {
+namespace {
+
+using Handle = nanovdb::GridHandle<nanovdb::HostBuffer>;
+
+nanovdb::Map MapOf(const GridSpec& grid) {
+  const Vec3d &h = grid.voxel_size, &o = grid.origin;
+  const double scale[3][3] = {{h.x, 0, 0}, {0, h.y, 0}, {0, 0, h.z}};
+  const double inverse[3][3] = {{1 / h.x, 0, 0}, {0, 1 / h.y, 0}, {0, 0, 1 / h.z}};
+  nanovdb::Map map;
+  map.set(scale, inverse, nanovdb::Vec3d(o.x + h.x / 2, o.y + h.y / 2, o.z + h.z / 2), 1.0);
+  return map;
+}
+
+// A grid of value(n) at the solid voxels n.
+template <typename Value, typename ValueOf>
+Handle MakeGrid(const DrawnResult& drawn, const std::string& name, nanovdb::GridClass kind, const ValueOf& value) {
+  nanovdb::GridBuilder<Value> builder(Value(0.0f), kind);
+  auto accessor = builder.getAccessor();
+  for (int64_t k = 0; k < drawn.volume.dims()[2]; ++k) {
+    VisitLayer(drawn.volume, k, [&](int64_t i, int64_t j, uint64_t n) {
+      accessor.setValue(nanovdb::Coord(int(i), int(j), int(k)), value(n));
+    });
+  }
+  return builder.getHandle(MapOf(drawn.result.grid), name);
+}
+
+void AddTarget(const DrawnResult& drawn, const PreviewItems& items, size_t target, std::vector<Handle>& grids) {
+  const TargetSpec& spec = drawn.result.specs[target];
+  const TargetValues values(drawn.result, target, items.count());
+  const std::string name = absl::StrCat("target", target);
+  // Colours as fractions, as readers want them.
+  const float unit = spec.format == VoxelFormat::kU8 && spec.components >= 3 ? 1 / 255.0f : 1;
+  const auto number = [&](uint64_t n, int c) { return values.At(items.Find(n), c) * unit; };
+  int first = 0;  // of the components that have grids of their own
+  if (spec.components >= 3) {
+    grids.push_back(MakeGrid<nanovdb::Vec3f>(drawn, name, nanovdb::GridClass::Unknown, [&](uint64_t n) {
+      return nanovdb::Vec3f(number(n, 0), number(n, 1), number(n, 2));
+    }));
+    first = 3;
+  }
+  for (int c = first; c < spec.components; ++c) {
+    const std::string own = spec.components == 1 ? name : absl::StrCat(name, "_", c);
+    grids.push_back(MakeGrid<float>(drawn, own, nanovdb::GridClass::Unknown, [&](uint64_t n) { return number(n, c); }));
+  }
+}
+
+absl::Status Encode(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
+  std::vector<Handle> grids;
+  grids.push_back(MakeGrid<float>(drawn, "density", nanovdb::GridClass::FogVolume, [](uint64_t) { return 1.0f; }));
+  const PreviewItems items(drawn.result);
+  for (size_t t = 0; t < drawn.result.specs.size(); ++t) {
+    if (drawn.result.specs[t].format != VoxelFormat::kBit) AddTarget(drawn, items, t, grids);
+  }
+  nanovdb::io::Segment segment(nanovdb::io::Codec::NONE);
+  for (size_t g = 0; g < grids.size(); ++g) {
+    segment.add(grids[g]);
+    segment.meta[g].fileSize = grids[g].size();
+  }
+  std::ostringstream head;
+  segment.write(head);
+  const std::string text = head.str();
+  absl::Status s = file.Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, job);
+  for (size_t g = 0; g < grids.size() && s.ok(); ++g) s = file.Write({grids[g].data(), grids[g].size()}, job);
+  return s;
+}
+
+absl::Status EncodeNvdb(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
+  try {
+    return Encode(drawn, file, job);
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception& error) {
+    return absl::InternalError(absl::StrCat(".nvdb: ", error.what()));
+  }
+}
+
+}  // namespace
+
+std::unique_ptr<ResultFile> MakeNvdbFile(const std::string& path, const JobContext* job) {
+  return MakeWholeFile(".nvdb", path, job, &EncodeNvdb);
+}
+
+}  // namespace voxelpipe
