@@ -22,7 +22,8 @@ help: ## List the tasks
 setup: ## Install the missing Debian packages (docker/packages-build.txt, -python.txt, -viewer.txt)
 	@bash tests/support/apt_install.sh docker/packages-build.txt
 	@bash tests/support/apt_install.sh docker/packages-python.txt || echo "setup: going on without the tests in Python"
-	@command -v npm >/dev/null || bash tests/support/apt_install.sh docker/packages-viewer.txt || echo "setup: going on without .html results"
+	@command -v npm >/dev/null || bash tests/support/apt_install.sh docker/packages-viewer.txt \
+	  || echo "setup: going on without .html results"
 
 configure: setup
 	@mkdir -p $(BUILD_DIR)

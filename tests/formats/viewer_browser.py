@@ -1,0 +1,153 @@
+"""usage: viewer_browser.py VOXELPIPE SOURCE_DIR WORK_DIR
+
+Opens .html results in a headless Chromium and compares them with the program's pictures and arrays. Exit 77 with the
+reason if the format, Chromium (docker/packages-browser.txt) or npm's packages are missing.
+"""
+import json
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+
+VOXELPIPE, SOURCE, WORK = (pathlib.Path(argument).resolve() for argument in sys.argv[1:4])
+sys.path.insert(0, str(SOURCE / "tests/support"))
+sys.path.insert(0, str(SOURCE / "tests/formats"))
+import glb  # noqa: E402
+import npm_packages  # noqa: E402
+
+BROWSERS = ("chromium-headless-shell", "chromium")
+RED = ["--target", "f32x3:replace:shader=constant,value=1/0/0"]
+MIN_OVERLAP = 0.98  # of the two silhouettes, intersection over union
+
+
+def write_boxes(path):
+    """Three boxes of different lengths: no two views of them look alike."""
+    corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
+                      [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+    boxes = [([0, 0, 0], [4, 1, 1.5]), ([0, 1, 0], [1, 2, 0.8]), ([2.5, 0.2, 1.5], [0.7, 0.6, 2])]
+    points = np.concatenate([corner * size + low for low, size in boxes])
+    glb.write_glb(path, points, np.concatenate([faces + 8 * i for i in range(len(boxes))]))
+
+
+def voxelize(mesh, name, *options):
+    command = [str(VOXELPIPE), "voxelize", str(mesh), "-o", str(WORK / name), "--json", *options]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+def drive(modules, browser, name):
+    script = SOURCE / "tests/formats/drive_viewer.mjs"
+    prefix = WORK / pathlib.Path(name).stem
+    command = ["node", str(script), str(modules), browser, str(WORK / name), str(prefix)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400)
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout)
+    assert seen["problems"] == [] and seen["requests"] == [], seen
+    assert seen["state"] == "ready" and seen["webgl"] == "2", seen
+    assert not seen["too_wide"], "a phone has to scroll sideways"
+    print(f"{name}: {seen['faces']} faces, a frame in {min(seen['frame_ms']):.0f} ms")
+    return seen
+
+
+def picture(path):
+    from PIL import Image
+
+    return np.asarray(Image.open(path).convert("RGB")).astype(int)
+
+
+def silhouette(image):
+    """The largest red area, cut out and 400 x 400 pixels large."""
+    from scipy import ndimage
+
+    labels, count = ndimage.label(image[..., 0] > image[..., 1] + 40)
+    assert count > 0, "nothing red"
+    largest = labels == 1 + np.argmax(ndimage.sum(labels > 0, labels, range(1, count + 1)))
+    rows, columns = np.nonzero(largest.any(1))[0], np.nonzero(largest.any(0))[0]
+    cut = largest[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
+    pick = [np.arange(400) * size // 400 for size in cut.shape]
+    return cut[np.ix_(*pick)]
+
+
+def check_view(modules, browser):
+    mesh = WORK / "boxes.glb"
+    write_boxes(mesh)
+    preview = WORK / "boxes-preview.png"
+    options = ["--resolution", "96", "--fill", "parity", "--target", "bit:or", *RED]
+    summary = voxelize(mesh, "boxes.html", *options, "--preview", str(preview), "--view", "30,20")
+    voxelize(mesh, "boxes.npz", *options)
+    seen = drive(modules, browser, "boxes.html")
+
+    drawn = picture(preview)
+    view = silhouette(drawn[:, :drawn.shape[1] * 3 // 4])  # the slices are at the right
+    shown = silhouette(picture(WORK / "boxes-view.png"))
+    overlap = (view & shown).sum() / (view | shown).sum()
+    print(f"silhouettes overlap by {overlap:.4f}")
+    assert overlap >= MIN_OVERLAP
+
+    with np.load(WORK / "boxes.npz") as archive:
+        mask = archive["target0"] != 0
+    index, place = re.match(r"voxel (\d+, \d+, \d+) · at ([^·]+) · target1 1, 0, 0", seen["hover"]).groups()
+    i, j, k = (int(n) for n in index.split(","))
+    assert mask[k, j, i], "the cursor found an empty voxel"
+    centre = np.array(summary["origin"]) + (np.array([i, j, k]) + 0.5) * np.array(summary["voxel_size"])
+    assert np.allclose([float(n) for n in place.split(",")], centre, rtol=1e-5)
+    assert seen["corner"] == "", "something is under a corner of the window"
+
+    padded = np.pad(mask, 1)
+    inner = padded[1:-1, 1:-1, 1:-1]
+    faces = sum(int((inner & ~np.roll(padded, way, axis)[1:-1, 1:-1, 1:-1]).sum())
+                for axis in range(3) for way in (-1, 1))
+    assert int(seen["faces"]) == faces, (seen["faces"], faces)
+
+    def red(name):
+        image = picture(WORK / f"boxes-{name}.png")
+        return int((image[..., 0] > image[..., 1] + 40).sum())
+
+    assert red("plain") == 0 and red("turned") == 0 < red("view"), "the colour was not changed"
+    assert red("slice") < 0.9 * red("view"), "the slice hides nothing"
+    assert (picture(WORK / "boxes-plain.png") != picture(WORK / "boxes-turned.png")).any(), "the keys turn nothing"
+
+
+def check_large(modules, browser):
+    ball = WORK / "ball.glb"
+    command = [sys.executable, str(SOURCE / "tests/support/make_ball.py"), str(ball)]
+    subprocess.run(command, check=True)
+    voxelize(ball, "ball.html", "--resolution", "512", "--fill", "parity")
+    seen = drive(modules, browser, "ball.html")
+    assert 500_000 < int(seen["faces"]) <= 2_000_000 and "Shown at" not in seen["text"], seen["faces"]
+    # Each second voxel of a solid: all six sides of each.
+    checker = ["--fill", "parity", "--target", "u8:max:shader=checker,size=1"]
+    voxelize(ball, "many.html", "--resolution", "160", *checker)
+    seen = drive(modules, browser, "many.html")
+    assert "Shown at 1/2 of the resolution" in seen["text"] and int(seen["faces"]) <= 2_000_000, seen
+    # A grid without a solid voxel.
+    voxelize(ball, "empty.html", "--dims", "4,4,4", "--origin", "99,99,99", "--voxel-size", "1")
+    page = (WORK / "empty.html").read_text(encoding="utf-8")
+    assert page.count("</script>") == 2, "the page has other scripts than its own"
+
+
+def main():
+    WORK.mkdir(parents=True, exist_ok=True)
+    browser = next((found for found in map(shutil.which, BROWSERS) if found), None)
+    known = subprocess.run([str(VOXELPIPE), "voxelize", "--help"], capture_output=True, text=True).stdout
+    missing = "" if ".html" in known else "this build writes no .html"
+    missing = missing or ("" if browser else f"none of {', '.join(BROWSERS)} is installed")
+    modules, reason = (None, "") if missing else npm_packages.install(SOURCE / "tests/formats", WORK / "npm")
+    try:
+        import PIL  # noqa: F401
+        import scipy  # noqa: F401
+    except ImportError as error:
+        missing = missing or str(error)
+    if missing or reason:
+        print(f"skipped: {missing or reason}")
+        return 77
+    check_view(modules, browser)
+    check_large(modules, browser)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
