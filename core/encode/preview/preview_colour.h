@@ -22,8 +22,8 @@ class PreviewColours {
  public:
   PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume);
 
-  // Linear RGB in [0, 1] of solid voxel n of the linear order. InsideColour() for a voxel inside a solid (all six
-  // neighbours are solid) that holds `clear`, as fills leave it for shaders that need a triangle.
+  // Linear RGB in [0, 1] of solid voxel n of the linear order. InsideColour() for a voxel inside a solid (all
+  // neighbours in the grid are solid) that holds `clear`, as fills leave it for shaders that need a triangle.
   Vec3f At(uint64_t n) const;
   // True if voxels have colours of their own, not one for all.
   bool has_colours() const { return kind_ != Kind::kPlain; }

@@ -39,11 +39,12 @@ class PreviewVolume {
     const uint64_t n = Linear(i, j, k);
     return (bits_[n / 8] >> (n % 8)) & 1;
   }
-  // True if the six neighbours of voxel n of the linear order are solid.
+  // True if the neighbours of voxel n of the linear order are solid, up to six; where the grid ends it cuts a solid.
   bool Enclosed(uint64_t n) const {
     const int64_t i = int64_t(n) % dims_[0], j = int64_t(n) / dims_[0] % dims_[1], k = int64_t(n) / dims_[0] / dims_[1];
-    return Solid(i - 1, j, k) && Solid(i + 1, j, k) && Solid(i, j - 1, k) && Solid(i, j + 1, k) && Solid(i, j, k - 1) &&
-           Solid(i, j, k + 1);
+    return (i == 0 || Solid(i - 1, j, k)) && (i + 1 == dims_[0] || Solid(i + 1, j, k)) &&
+           (j == 0 || Solid(i, j - 1, k)) && (j + 1 == dims_[1] || Solid(i, j + 1, k)) &&
+           (k == 0 || Solid(i, j, k - 1)) && (k + 1 == dims_[2] || Solid(i, j, k + 1));
   }
   // Bits of the voxels i .. i+count-1 of a row, count <= 32, the lowest bit first; 0 outside the grid.
   uint32_t Row(int64_t i, int64_t j, int64_t k, int count) const;

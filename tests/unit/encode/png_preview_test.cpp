@@ -346,6 +346,18 @@ TEST(RenderPreview, ColoursBucketsWithoutValuesByTheirFragments) {
   EXPECT_GT(of(3).x, 0.9f);
 }
 
+TEST(PreviewColours, ASolidThatTheGridCutsShowsItsInside) {
+  VoxelizeResult result = EmptyResult({8, 8, 8});
+  AddBits(result, [](int64_t i, int64_t, int64_t) { return i < 5; });  // cut by five borders of the grid
+  AddFloats(
+      result, 3, [](int64_t i, int64_t, int64_t, int) { return i == 4 ? 1.0f : 0.0f; }, "base_color");
+  const PreviewVolume volume = PreviewVolume::Build(result, nullptr).value();
+  const PreviewColours colours(result, volume);
+  EXPECT_EQ(colours.At(volume.Linear(2, 3, 0)).x, InsideColour().x);
+  EXPECT_EQ(colours.At(volume.Linear(0, 0, 7)).x, InsideColour().x);
+  EXPECT_EQ(colours.At(volume.Linear(4, 0, 0)).x, 1.0f);
+}
+
 TEST(RenderPreview, TakesColoursFromIntegersOverTheirScale) {
   const auto red = [](double scale) { return [=](uint64_t, int c) { return (c == 0 ? 0.8 : 0.0) * scale; }; };
   std::vector<Picture> pictures;
