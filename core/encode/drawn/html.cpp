@@ -40,7 +40,7 @@ uint64_t CountFaces(const PreviewVolume& volume) {
 }
 
 // Two by two by two voxels as one, solid if one is.
-absl::StatusOr<VoxelizeResult> Halved(const PreviewVolume& fine) {
+absl::StatusOr<VoxelizeResult> Halved(const PreviewVolume& fine, const JobContext* job) {
   VoxelizeRequest request;
   request.targets.emplace_back();  // bits
   GridSpec grid;
@@ -49,12 +49,11 @@ absl::StatusOr<VoxelizeResult> Halved(const PreviewVolume& fine) {
   if (!half.ok()) return half;
   uint8_t* const bits = half->targets[0].data();
   std::memset(bits, 0, half->targets[0].size());
-  for (int64_t k = 0; k < fine.dims()[2]; ++k) {
-    VisitLayer(fine, k, [&](int64_t i, int64_t j, uint64_t) {
-      const uint64_t n = uint64_t(i / 2 + grid.dims[0] * (j / 2 + grid.dims[1] * (k / 2)));
-      bits[n / 8] |= uint8_t(1 << (n % 8));
-    });
-  }
+  const absl::Status visited = VisitVoxels(fine, job, [&](int64_t i, int64_t j, int64_t k, uint64_t) {
+    const uint64_t n = uint64_t(i / 2 + grid.dims[0] * (j / 2 + grid.dims[1] * (k / 2)));
+    bits[n / 8] |= uint8_t(1 << (n % 8));
+  });
+  if (!visited.ok()) return visited;
   return half;
 }
 
@@ -168,7 +167,7 @@ absl::Status EncodeHtml(const DrawnResult& drawn, AtomicFile& file, const JobCon
   for (uint64_t faces = whole_faces;
        faces > kMaxFaces || *std::max_element(shown->dims().begin(), shown->dims().end()) > kMaxSide;
        faces = CountFaces(*shown)) {
-    absl::StatusOr<VoxelizeResult> next = Halved(*shown);
+    absl::StatusOr<VoxelizeResult> next = Halved(*shown, job);
     if (!next.ok()) return next.status();
     half_volume.reset();  // borrows the result that is replaced
     half.emplace(*std::move(next));

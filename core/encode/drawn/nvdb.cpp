@@ -29,20 +29,21 @@ nanovdb::Map MapOf(const GridSpec& grid) {
   return map;
 }
 
-// A grid of value(n) at the solid voxels n.
+// Appends a grid of value(n) at the solid voxels n.
 template <typename Value, typename ValueOf>
-Handle MakeGrid(const DrawnResult& drawn, const std::string& name, nanovdb::GridClass kind, const ValueOf& value) {
+absl::Status AddGrid(const DrawnResult& drawn, const JobContext* job, const std::string& name, nanovdb::GridClass kind,
+                     const ValueOf& value, std::vector<Handle>& grids) {
   nanovdb::GridBuilder<Value> builder(Value(0.0f), kind);
   auto accessor = builder.getAccessor();
-  for (int64_t k = 0; k < drawn.volume.dims()[2]; ++k) {
-    VisitLayer(drawn.volume, k, [&](int64_t i, int64_t j, uint64_t n) {
-      accessor.setValue(nanovdb::Coord(int(i), int(j), int(k)), value(n));
-    });
-  }
-  return builder.getHandle(MapOf(drawn.result.grid), name);
+  const absl::Status visited = VisitVoxels(drawn.volume, job, [&](int64_t i, int64_t j, int64_t k, uint64_t n) {
+    accessor.setValue(nanovdb::Coord(int(i), int(j), int(k)), value(n));
+  });
+  if (visited.ok()) grids.push_back(builder.getHandle(MapOf(drawn.result.grid), name));
+  return visited;
 }
 
-void AddTarget(const DrawnResult& drawn, const PreviewItems& items, size_t target, std::vector<Handle>& grids) {
+absl::Status AddTarget(const DrawnResult& drawn, const JobContext* job, const PreviewItems& items, size_t target,
+                       std::vector<Handle>& grids) {
   const TargetSpec& spec = drawn.result.specs[target];
   const TargetValues values(drawn.result, target, items.count());
   const std::string name = absl::StrCat("target", target);
@@ -50,25 +51,29 @@ void AddTarget(const DrawnResult& drawn, const PreviewItems& items, size_t targe
   const float unit = spec.format == VoxelFormat::kU8 && spec.components >= 3 ? 1 / 255.0f : 1;
   const auto number = [&](uint64_t n, int c) { return values.At(items.Find(n), c) * unit; };
   int first = 0;  // of the components that have grids of their own
+  absl::Status s;
   if (spec.components >= 3) {
-    grids.push_back(MakeGrid<nanovdb::Vec3f>(drawn, name, nanovdb::GridClass::Unknown, [&](uint64_t n) {
-      return nanovdb::Vec3f(number(n, 0), number(n, 1), number(n, 2));
-    }));
+    const auto vector = [&](uint64_t n) { return nanovdb::Vec3f(number(n, 0), number(n, 1), number(n, 2)); };
+    s = AddGrid<nanovdb::Vec3f>(drawn, job, name, nanovdb::GridClass::Unknown, vector, grids);
     first = 3;
   }
-  for (int c = first; c < spec.components; ++c) {
+  for (int c = first; c < spec.components && s.ok(); ++c) {
     const std::string own = spec.components == 1 ? name : absl::StrCat(name, "_", c);
-    grids.push_back(MakeGrid<float>(drawn, own, nanovdb::GridClass::Unknown, [&](uint64_t n) { return number(n, c); }));
+    const auto scalar = [&](uint64_t n) { return number(n, c); };
+    s = AddGrid<float>(drawn, job, own, nanovdb::GridClass::Unknown, scalar, grids);
   }
+  return s;
 }
 
 absl::Status Encode(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
   std::vector<Handle> grids;
-  grids.push_back(MakeGrid<float>(drawn, "density", nanovdb::GridClass::FogVolume, [](uint64_t) { return 1.0f; }));
+  const auto solid = [](uint64_t) { return 1.0f; };
+  absl::Status s = AddGrid<float>(drawn, job, "density", nanovdb::GridClass::FogVolume, solid, grids);
   const PreviewItems items(drawn.result);
-  for (size_t t = 0; t < drawn.result.specs.size(); ++t) {
-    if (drawn.result.specs[t].format != VoxelFormat::kBit) AddTarget(drawn, items, t, grids);
+  for (size_t t = 0; t < drawn.result.specs.size() && s.ok(); ++t) {
+    if (drawn.result.specs[t].format != VoxelFormat::kBit) s = AddTarget(drawn, job, items, t, grids);
   }
+  if (!s.ok()) return s;
   nanovdb::io::Segment segment(nanovdb::io::Codec::NONE);
   for (size_t g = 0; g < grids.size(); ++g) {
     segment.add(grids[g]);
@@ -77,7 +82,7 @@ absl::Status Encode(const DrawnResult& drawn, AtomicFile& file, const JobContext
   std::ostringstream head;
   segment.write(head);
   const std::string text = head.str();
-  absl::Status s = file.Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, job);
+  s = file.Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, job);
   for (size_t g = 0; g < grids.size() && s.ok(); ++g) s = file.Write({grids[g].data(), grids[g].size()}, job);
   return s;
 }

@@ -78,29 +78,28 @@ std::string SceneGraph(const std::vector<Model>& models) {
   return graph;
 }
 
-Palette PaletteOf(const DrawnResult& drawn) {
+absl::StatusOr<Palette> PaletteOf(const DrawnResult& drawn, const JobContext* job) {
   absl::flat_hash_map<uint32_t, uint64_t> occurrences;
-  for (int64_t k = 0; k < drawn.volume.dims()[2]; ++k) {
-    VisitLayer(drawn.volume, k, [&](int64_t, int64_t, uint64_t n) { ++occurrences[SrgbCodes(drawn.colours.At(n))]; });
-  }
+  const absl::Status visited = VisitVoxels(
+      drawn.volume, job, [&](int64_t, int64_t, int64_t, uint64_t n) { ++occurrences[SrgbCodes(drawn.colours.At(n))]; });
+  if (!visited.ok()) return visited;
   return MakePalette(occurrences, kPaletteSize);
 }
 
 // The models that have voxels, or one without any.
-std::vector<Model> ModelsOf(const DrawnResult& drawn, const Palette& palette) {
+absl::StatusOr<std::vector<Model>> ModelsOf(const DrawnResult& drawn, const Palette& palette, const JobContext* job) {
   const auto& grid = drawn.volume.dims();
   const std::array<int64_t, 3> dims{grid[0], grid[2], grid[1]};
   std::array<int64_t, 3> count{};
   for (size_t a = 0; a < 3; ++a) count[a] = (dims[a] + kMaxSide - 1) / kMaxSide;
   std::vector<Model> models(size_t(count[0] * count[1] * count[2]));
-  for (int64_t k = 0; k < grid[2]; ++k) {
-    VisitLayer(drawn.volume, k, [&](int64_t i, int64_t j, uint64_t n) {
-      const std::array<int64_t, 3> at{i, grid[2] - 1 - k, j};
-      Model& model = models[size_t(at[0] / kMaxSide + count[0] * (at[1] / kMaxSide + count[1] * (at[2] / kMaxSide)))];
-      for (const int64_t index : at) model.voxels += char(index % kMaxSide);
-      model.voxels += char(palette.nearest.at(SrgbCodes(drawn.colours.At(n))) + 1);
-    });
-  }
+  const absl::Status visited = VisitVoxels(drawn.volume, job, [&](int64_t i, int64_t j, int64_t k, uint64_t n) {
+    const std::array<int64_t, 3> at{i, grid[2] - 1 - k, j};
+    Model& model = models[size_t(at[0] / kMaxSide + count[0] * (at[1] / kMaxSide + count[1] * (at[2] / kMaxSide)))];
+    for (const int64_t index : at) model.voxels += char(index % kMaxSide);
+    model.voxels += char(palette.nearest.at(SrgbCodes(drawn.colours.At(n))) + 1);
+  });
+  if (!visited.ok()) return visited;
   for (size_t m = 0; m < models.size(); ++m) {
     const auto place = int64_t(m);
     const std::array<int64_t, 3> block{place % count[0], place / count[0] % count[1], place / count[0] / count[1]};
@@ -128,11 +127,13 @@ absl::Status EncodeVox(const DrawnResult& drawn, AtomicFile& file, const JobCont
                                                    " voxels in ", blocks,
                                                    " models are too many; .ply, .npz and .nvdb hold them"));
   }
-  const Palette palette = PaletteOf(drawn);
-  const std::vector<Model> models = ModelsOf(drawn, palette);
+  const absl::StatusOr<Palette> palette = PaletteOf(drawn, job);
+  if (!palette.ok()) return palette.status();
+  const absl::StatusOr<std::vector<Model>> models = ModelsOf(drawn, *palette, job);
+  if (!models.ok()) return models.status();
   std::vector<std::string> heads;
   uint64_t children = 0;
-  for (const Model& model : models) {
+  for (const Model& model : *models) {
     Bytes size, head;
     for (const int64_t side : model.size) size.Put(int32_t(side));
     head.Text(Chunk("SIZE", size));
@@ -143,16 +144,16 @@ absl::Status EncodeVox(const DrawnResult& drawn, AtomicFile& file, const JobCont
   }
   Bytes colours;  // entry n is that of colour index n + 1
   for (size_t c = 0; c < kPaletteSize + 1; ++c) {
-    const uint32_t rgb = c < palette.colours.size() ? palette.colours[c] : 0;
+    const uint32_t rgb = c < palette->colours.size() ? palette->colours[c] : 0;
     colours.Put(uint8_t(rgb >> 16)).Put(uint8_t(rgb >> 8)).Put(uint8_t(rgb)).Put(uint8_t{255});
   }
-  const std::string end = SceneGraph(models) + Chunk("RGBA", colours);
+  const std::string end = SceneGraph(*models) + Chunk("RGBA", colours);
   Bytes begin;
   begin.Text("VOX ").Put(int32_t{200}).Text("MAIN").Put(int32_t{0}).Put(int32_t(children + end.size()));
   absl::Status s = file.Write(begin.span(), job);
-  for (size_t m = 0; m < models.size() && s.ok(); ++m) {
+  for (size_t m = 0; m < models->size() && s.ok(); ++m) {
     s = file.Write(BytesOf(heads[m]), job);
-    if (s.ok()) s = file.Write(BytesOf(models[m].voxels), job);
+    if (s.ok()) s = file.Write(BytesOf((*models)[m].voxels), job);
   }
   return s.ok() ? file.Write(BytesOf(end), job) : s;
 }

@@ -40,6 +40,18 @@ void VisitLayer(const PreviewVolume& volume, int64_t k, const Visit& visit) {
   }
 }
 
+// The same for all layers, visit(i, j, k, n); `job` may be null, its end ends the walk.
+template <typename Visit>
+absl::Status VisitVoxels(const PreviewVolume& volume, const JobContext* job, const Visit& visit) {
+  for (int64_t k = 0; k < volume.dims()[2]; ++k) {
+    if (job != nullptr) {
+      if (absl::Status s = job->Check(); !s.ok()) return s;
+    }
+    VisitLayer(volume, k, [&](int64_t i, int64_t j, uint64_t n) { visit(i, j, k, n); });
+  }
+  return absl::OkStatus();
+}
+
 // Number of solid voxels.
 uint64_t CountSolid(const PreviewVolume& volume);
 

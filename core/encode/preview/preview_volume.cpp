@@ -91,7 +91,7 @@ void SetListed(const VoxelizeResult& result, std::vector<uint8_t>& bits) {
 }  // namespace
 
 absl::StatusOr<PreviewVolume> PreviewVolume::Build(const VoxelizeResult& result, const JobContext* job) {
-  if (result.targets.empty()) return absl::InvalidArgumentError("a preview needs a result with at least one target");
+  if (result.targets.empty()) return absl::InvalidArgumentError("a drawing needs a result with at least one target");
   if (absl::Status status = CheckArrays(result); !status.ok()) return status;
   PreviewVolume volume;
   volume.dims_ = result.grid.dims;
@@ -105,7 +105,7 @@ absl::StatusOr<PreviewVolume> PreviewVolume::Build(const VoxelizeResult& result,
     const uint64_t voxels = result.grid.voxels();
     if (voxels > kMaxOwnBits) {
       return absl::ResourceExhaustedError(
-          absl::StrCat("a preview needs a bit a voxel, here ", voxels / 8, " bytes; the limit is ", kMaxOwnBits / 8));
+          absl::StrCat("a drawing needs a bit a voxel, here ", voxels / 8, " bytes; the limit is ", kMaxOwnBits / 8));
     }
     volume.own_bits_.resize((voxels + 7) / 8);
     if (result.kind == ResultKind::kDense) {
