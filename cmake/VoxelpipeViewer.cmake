@@ -1,9 +1,10 @@
-# Decides VOXELPIPE_HAVE_VIEWER: the program of .html results is bundled with npm's esbuild, when the build is
-# configured. Without npm, or without its packages, everything else is built.
+# Decides VOXELPIPE_HAVE_VIEWER: the viewer of .html results and of the server's page is bundled with npm's esbuild,
+# when the build is configured. Without npm, or without its packages, everything else is built.
 set(VOXELPIPE_HAVE_VIEWER OFF)
 set(viewer_dir ${PROJECT_BINARY_DIR}/viewer)
 set(VOXELPIPE_VIEWER_PAGE ${viewer_dir}/page-with-style.html)
 set(VOXELPIPE_VIEWER_SCRIPT ${viewer_dir}/program.js)
+set(VOXELPIPE_VIEWER_MODULE ${viewer_dir}/module.js) # exports of viewer.js, for the server's page
 
 # Sets `reason`, empty if the program was made.
 function(voxelpipe_bundle_viewer reason)
@@ -27,14 +28,19 @@ function(voxelpipe_bundle_viewer reason)
       return()
     endif()
   endif()
-  execute_process(
-    COMMAND node_modules/.bin/esbuild main.js --bundle --minify --format=esm --log-level=warning
-      --outfile=${VOXELPIPE_VIEWER_SCRIPT}
-    WORKING_DIRECTORY ${viewer_dir} TIMEOUT 60 RESULT_VARIABLE failed ERROR_VARIABLE output)
-  if(failed)
-    set(${reason} "esbuild failed: ${output}" PARENT_SCOPE)
-    return()
-  endif()
+  foreach(bundle main.js=${VOXELPIPE_VIEWER_SCRIPT} viewer.js=${VOXELPIPE_VIEWER_MODULE})
+    string(REPLACE "=" ";" bundle ${bundle})
+    list(GET bundle 0 source)
+    list(GET bundle 1 target)
+    execute_process(
+      COMMAND node_modules/.bin/esbuild ${source} --bundle --minify --format=esm --log-level=warning
+        --outfile=${target}
+      WORKING_DIRECTORY ${viewer_dir} TIMEOUT 60 RESULT_VARIABLE failed ERROR_VARIABLE output)
+    if(failed)
+      set(${reason} "esbuild failed: ${output}" PARENT_SCOPE)
+      return()
+    endif()
+  endforeach()
   file(READ ${VOXELPIPE_VIEWER_SCRIPT} script)
   if(script MATCHES "</script")
     set(${reason} "the script would end its own element" PARENT_SCOPE)

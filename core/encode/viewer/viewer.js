@@ -53,12 +53,13 @@ function sliceControl(data, axis, change) {
   return make('fieldset', {}, make('legend', {}, name, ' ', shown), from, to);
 }
 
-// In: an element of the page, and an inflated payload (payload.js). Fills the element. Out: `dispose()`, which empties it,
-// and what tests need: `setView(azimuth, elevation)`, `pick(x, y)` (a text, empty if nothing is there), `frameMs()`.
+// In: an element of the page, and an inflated payload (payload.js). Fills the element. Out: `dispose()`, which empties
+// it, and what tests need: `setView(azimuth, elevation)`, `pick(x, y)` (a text, empty if nothing is there), `frameMs()`.
 // Throws an Error if the browser has no WebGL 2.
 export function mountViewer(element, payload) {
   const data = readPayload(payload);
-  const canvas = make('canvas', {tabindex: 0, 'aria-label': 'Voxels; arrow keys turn, + and - zoom, R resets the view'});
+  const keys = 'arrow keys turn, + and - zoom, R resets the view';
+  const canvas = make('canvas', {tabindex: 0, role: 'img', 'aria-label': `Voxels; ${keys}`});
   const stage = make('div', {class: 'voxels-stage'}, canvas);
   const voxelScene = new VoxelScene(canvas, data);
   const controls = new OrbitControls(voxelScene.camera, canvas);
@@ -91,13 +92,14 @@ export function mountViewer(element, payload) {
     legend.hidden = range === null;
     if (range) {
       const stops = MAP.map((rgb) => `#${rgb.toString(16).padStart(6, '0')}`).join(', ');
-      const bar = make('span', {class: 'voxels-bar', style: `background: linear-gradient(90deg, ${stops})`});
+      const bar = make('span', {class: 'voxels-bar'});
+      bar.style.background = `linear-gradient(90deg, ${stops})`;
       legend.replaceChildren(short(range[0]), bar, short(range[1]));
     }
     draw();
   };
   const choice = make('select', {'aria-label': 'Colour by'});
-  data.targets.forEach((target, number) => choice.append(make('option', {value: number}, `${target.name}: ${target.title}`)));
+  data.targets.forEach(({name, title}, number) => choice.append(make('option', {value: number}, `${name}: ${title}`)));
   choice.append(make('option', {value: -1}, 'one colour'));
   choice.addEventListener('change', () => showTarget(Number(choice.value)));
 
@@ -139,8 +141,9 @@ export function mountViewer(element, payload) {
       draw();
     })), found);
   if (data.step > 1) {
+    const faces = data.whole_faces.toLocaleString('en');
     facts.after(make('p', {class: 'voxels-note'},
-      `Shown at 1/${data.step} of the resolution: ${data.whole_faces.toLocaleString('en')} faces are too many for a page.`));
+      `Shown at 1/${data.step} of the resolution: ${faces} faces are too many for a page.`));
   }
   element.classList.add('voxels');
   element.replaceChildren(stage, panel);
