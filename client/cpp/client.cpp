@@ -117,26 +117,26 @@ absl::StatusOr<std::unique_ptr<Client>> Client::Connect(const std::string& targe
   return std::unique_ptr<Client>(new Client(std::move(impl)));
 }
 
-absl::StatusOr<RemoteResult> Client::Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+absl::StatusOr<RemoteResult> Client::Voxelize(std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                               const VoxelizeRequest& request, const JobContext& job,
                                               const std::function<void(const Plan&)>& on_plan) {
-  return impl_->Voxelize(MeshSource::File(mesh_bytes, format), request, job, on_plan);
+  return impl_->Voxelize(MeshSource::File(mesh_bytes, type), request, job, on_plan);
 }
 
-absl::StatusOr<RemoteRun> Client::VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+absl::StatusOr<RemoteRun> Client::VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                              const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                              const std::function<void(const Plan&)>& on_plan) {
-  return impl_->VoxelizeTo(MeshSource::File(mesh_bytes, format), request, job, sink, on_plan);
+  return impl_->VoxelizeTo(MeshSource::File(mesh_bytes, type), request, job, sink, on_plan);
 }
 
 std::unique_ptr<ManyStream> Client::OpenMany(const JobContext& job, size_t window) {
   return OpenManyStream(*impl_->service, impl_->target, impl_->options, job, window);
 }
 
-absl::StatusOr<StoredMesh> Client::UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+absl::StatusOr<StoredMesh> Client::UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                               const JobContext& job) {
   return CallWithRetries(impl_->options.retries, job,
-                         [&] { return CallUploadMesh(*impl_->raw, impl_->target, mesh_bytes, format, job); });
+                         [&] { return CallUploadMesh(*impl_->raw, impl_->target, mesh_bytes, type, job); });
 }
 
 absl::StatusOr<RemoteResult> Client::VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,
@@ -180,10 +180,10 @@ absl::StatusOr<Client::Estimated> Client::EstimateStored(const std::string& mesh
   return impl_->Estimate(message, job);
 }
 
-absl::StatusOr<Client::Estimated> Client::Estimate(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+absl::StatusOr<Client::Estimated> Client::Estimate(std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                                    const VoxelizeRequest& request, const JobContext& job) {
   v1::EstimateVoxelizationRequest message;
-  *message.mutable_config() = MakeConfig(request, format);
+  *message.mutable_config() = MakeConfig(request, type);
   message.set_mesh_bytes(mesh_bytes.data(), mesh_bytes.size());
   return impl_->Estimate(message, job);
 }

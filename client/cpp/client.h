@@ -75,8 +75,9 @@ struct RemoteResult : RemoteRun {
 
 // A mesh stored on the server.
 struct StoredMesh {
-  std::string mesh_id;                    // SHA-256 of the file's bytes, 64 hexadecimal digits
+  std::string mesh_id;  // that of MeshIdOf (wire/mesh_id.h): the SHA-256 of the file's bytes, if no unit was given
   MeshFormat format = MeshFormat::kAuto;  // of the file
+  LengthUnit unit = LengthUnit::kNone;    // as it was given
   uint64_t file_bytes = 0;
   uint64_t memory_bytes = 0;    // its memory on the server
   MeshReport report;            // degenerate triangles and open edges are 0 until a job with a fill used the mesh
@@ -140,7 +141,7 @@ class Client {
   // (see Voxelize in pipeline/voxelize.h); CANCELLED, DEADLINE_EXCEEDED; DATA_LOSS if the result fails its checks
   // (offsets, lengths, CRC-32C of every piece, SHA-256 of the whole, sizes against the request; for sparse and bucketed
   // results also the consistency of the lists, see list_check.h).
-  absl::StatusOr<RemoteResult> Voxelize(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+  absl::StatusOr<RemoteResult> Voxelize(std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                         const VoxelizeRequest& request, const JobContext& job,
                                         const std::function<void(const Plan&)>& on_plan = {});
 
@@ -148,7 +149,7 @@ class Client {
   // errors end the call and are returned. The call is not repeated once the sink has received anything. The SHA-256 is
   // checked only after all bytes were written, so they are valid only if this returns OK (each piece has passed its
   // CRC-32C). The consistency of the lists of sparse and bucketed results is not checked. Sink::Keep is not called.
-  absl::StatusOr<RemoteRun> VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+  absl::StatusOr<RemoteRun> VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                        const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                        const std::function<void(const Plan&)>& on_plan = {});
 
@@ -156,7 +157,7 @@ class Client {
   // is deleted or evicted as least recently used. `job`: as in Voxelize; Progress is called with "upload". Errors: as
   // in Voxelize for a broken file; RESOURCE_EXHAUSTED if it is larger than the server's whole store; DATA_LOSS if the
   // server received other bytes.
-  absl::StatusOr<StoredMesh> UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFormat format, const JobContext& job);
+  absl::StatusOr<StoredMesh> UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFileType type, const JobContext& job);
 
   // Voxelize and VoxelizeTo with a stored mesh: the same bytes as with its file. NOT_FOUND if the server has none of
   // that id (any more): UploadMesh sends it again. `new_positions`, if not empty: x, y, z of every vertex of the
@@ -188,7 +189,7 @@ class Client {
   };
   // The plan of a request, without running it. Sends the whole mesh in one message: for files below the server's
   // max_message_bytes.
-  absl::StatusOr<Estimated> Estimate(std::span<const uint8_t> mesh_bytes, MeshFormat format,
+  absl::StatusOr<Estimated> Estimate(std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                      const VoxelizeRequest& request, const JobContext& job);
   // The same for a mesh given by its size and the box of its vertices after the vertex shader.
   absl::StatusOr<Plan> Estimate(uint64_t triangles, uint64_t vertices, const Box3d& shaded_box,

@@ -14,7 +14,7 @@
 namespace voxelpipe {
 
 absl::StatusOr<MeshInspection> InspectMesh(const std::string& target, const ConnectOptions& options,
-                                           std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                           std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                            const JobContext& job) {
   const absl::StatusOr<std::shared_ptr<grpc::Channel>> channel = OpenChannel(target, options);
   if (!channel.ok()) return channel.status();
@@ -24,7 +24,7 @@ absl::StatusOr<MeshInspection> InspectMesh(const std::string& target, const Conn
   smallest.grid.resolution = 1;
   smallest.fill = Fill::kParity;  // a fill makes the server count edges too
   v1::EstimateVoxelizationRequest request;
-  *request.mutable_config() = MakeConfig(smallest, format);
+  *request.mutable_config() = MakeConfig(smallest, type);
   request.set_mesh_bytes(mesh_bytes.data(), mesh_bytes.size());
   grpc::ClientContext context;
   const CallWatch watch(context, job);

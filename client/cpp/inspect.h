@@ -25,7 +25,7 @@ struct MeshInspection {
 // In: the bytes of a self-contained mesh file, below the server's max_message_bytes, because they are sent in one
 // message. Connects for this call only. Errors: those of Client::Connect and Client::Estimate.
 absl::StatusOr<MeshInspection> InspectMesh(const std::string& target, const ConnectOptions& options,
-                                           std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                           std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                            const JobContext& job);
 
 }  // namespace voxelpipe

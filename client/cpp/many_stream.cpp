@@ -168,10 +168,10 @@ ManyStream::~ManyStream() {
   impl_->stream->Finish();
 }
 
-absl::Status ManyStream::Send(uint64_t id, std::span<const uint8_t> mesh_bytes, MeshFormat format,
+absl::Status ManyStream::Send(uint64_t id, std::span<const uint8_t> mesh_bytes, MeshFileType type,
                               const VoxelizeRequest& request) {
   v1::VoxelizeManyRequest message;
-  *message.mutable_config() = MakeConfig(request, format, impl_->options.settings);
+  *message.mutable_config() = MakeConfig(request, type, impl_->options.settings);
   message.set_mesh(mesh_bytes.data(), mesh_bytes.size());
   return impl_->Send(id, std::move(message), request);
 }

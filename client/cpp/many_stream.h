@@ -32,7 +32,7 @@ class ManyStream {
   // Sends a job under an id chosen by the caller, not that of an outstanding job. Blocks while the window is full,
   // until another thread receives: a single thread must not exceed window() outstanding jobs. Errors: INVALID_ARGUMENT
   // for an id in use; UNAVAILABLE if the stream has ended, and Receive returns the reason.
-  absl::Status Send(uint64_t id, std::span<const uint8_t> mesh_bytes, MeshFormat format,
+  absl::Status Send(uint64_t id, std::span<const uint8_t> mesh_bytes, MeshFileType type,
                     const VoxelizeRequest& request);
   // The same with a stored mesh (Client::VoxelizeStored).
   absl::Status SendStored(uint64_t id, const std::string& mesh_id, const VoxelizeRequest& request,

@@ -6,9 +6,9 @@
 #include <grpcpp/client_context.h>
 
 #include "absl/strings/str_cat.h"
-#include "base/checksum/sha256.h"
 #include "call_watch.h"
 #include "upload_pieces.h"
+#include "wire/mesh_id.h"
 #include "wire/request.h"
 #include "wire/response.h"
 
@@ -25,8 +25,10 @@ absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message) {
   }
   StoredMesh mesh;
   mesh.mesh_id = message.mesh_id();
-  absl::StatusOr<MeshFormat> format = ParseMeshFormat(message.mesh_format(), "mesh_format");
-  mesh.format = format.value_or(MeshFormat::kAuto);  // a format of a newer server
+  // A newer server may have others.
+  const MeshFileType type = ParseMeshType(message.mesh_format(), message.mesh_unit()).value_or(MeshFileType{});
+  mesh.format = type.format;
+  mesh.unit = type.unit;
   mesh.file_bytes = message.file_bytes();
   mesh.memory_bytes = message.memory_bytes();
   mesh.report = FromMessage(message.mesh());
@@ -36,7 +38,7 @@ absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message) {
 }
 
 absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::string& target,
-                                          std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                          std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                           const JobContext& job) {
   if (absl::Status status = job.Check(); !status.ok()) return status;
   grpc::ClientContext context;
@@ -44,8 +46,9 @@ absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::stri
   v1::UploadMeshResponse response;
   const auto stream = calls.UploadMesh(context, response);
   v1::UploadMeshRequest message;
-  const std::string mesh_id = Sha256Hex(mesh_bytes);
-  message.mutable_upload()->set_mesh_format(ToMessage(format));
+  const std::string mesh_id = MeshIdOf(mesh_bytes, type.unit);
+  message.mutable_upload()->set_mesh_format(ToMessage(type.format));
+  message.mutable_upload()->set_mesh_unit(ToMessage(type.unit));
   message.mutable_upload()->set_mesh_id(mesh_id);
   bool open =
       stream->Write(Serialized(message));  // false as soon as the server has responded: it has or refuses the mesh

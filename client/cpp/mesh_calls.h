@@ -13,7 +13,7 @@ namespace voxelpipe {
 
 // See Client::UploadMesh. `target` names the server in errors.
 absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::string& target,
-                                          std::span<const uint8_t> mesh_bytes, MeshFormat format,
+                                          std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                           const JobContext& job);
 
 // DATA_LOSS if the message does not name a mesh.

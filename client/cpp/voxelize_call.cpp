@@ -141,7 +141,7 @@ absl::Status TakeBytes(grpc::ByteBuffer& buffer, PieceViewer& viewer, ResultRead
 }
 
 v1::VoxelizeConfig ConfigOf(const MeshSource& mesh, const VoxelizeRequest& request, const CallSettings& settings) {
-  v1::VoxelizeConfig config = MakeConfig(request, mesh.format, settings);
+  v1::VoxelizeConfig config = MakeConfig(request, mesh.type, settings);
   config.set_mesh_id(mesh.mesh_id);
   config.set_new_positions(!mesh.mesh_id.empty() && !mesh.bytes.empty());
   return config;

@@ -17,14 +17,13 @@ namespace voxelpipe {
 // The mesh of a call: a file, or a stored mesh, with its own or new positions.
 struct MeshSource {
   std::span<const uint8_t> bytes;  // the file, or the new positions
-  MeshFormat format = MeshFormat::kAuto;
+  MeshFileType type;
   std::string mesh_id;  // empty: a file
 
-  static MeshSource File(std::span<const uint8_t> bytes, MeshFormat format) { return {bytes, format, {}}; }
+  static MeshSource File(std::span<const uint8_t> bytes, MeshFileType type) { return {bytes, type, {}}; }
   static MeshSource Stored(std::string mesh_id, std::span<const float> new_positions) {
-    return {{reinterpret_cast<const uint8_t*>(new_positions.data()), new_positions.size_bytes()},
-            MeshFormat::kAuto,
-            std::move(mesh_id)};
+    return {
+        {reinterpret_cast<const uint8_t*>(new_positions.data()), new_positions.size_bytes()}, {}, std::move(mesh_id)};
   }
 };
 

@@ -18,15 +18,17 @@ bool Contains(std::string_view text, std::string_view part) {
 }  // namespace
 
 CostlyParts FindCostlyParts(std::span<const uint8_t> beginning, MeshFormat format) {
-  if (format == MeshFormat::kDraco) return {.compressed = true};
-  if (beginning.size() < kGlbHeaderBytes) return kAll;
+  if (beginning.size() < kGlbHeaderBytes && (format == MeshFormat::kAuto || format == MeshFormat::kGlb)) return kAll;
   if (format == MeshFormat::kAuto) {
     const std::optional<MeshFormat> shown = SniffMeshFormat(beginning);
     if (!shown) return {};  // loading it fails at once
-    if (*shown == MeshFormat::kDraco) return {.compressed = true};
     format = *shown;
   }
+  if (format == MeshFormat::kDraco) return {.compressed = true};
+  if (format == MeshFormat::k3mf) return kAll;
   std::string_view text(reinterpret_cast<const char*>(beginning.data()), beginning.size());
+  if (format == MeshFormat::kObj) return {.images = Contains(text, "mtllib")};
+  if (format == MeshFormat::kStl || format == MeshFormat::kPly || format == MeshFormat::kOff) return {};
   if (format == MeshFormat::kGlb) {
     uint32_t text_bytes = 0;
     std::memcpy(&text_bytes, text.data() + kTextBytesAt, sizeof text_bytes);

@@ -17,7 +17,7 @@ absl::StatusOr<LoadedMesh> LoadMeshFor(const JobContext& job, std::span<const ui
   if (absl::Status s = job.Check(); !s.ok()) return s;
   job.Report("load", 0);
   double begin = WallMs();
-  absl::StatusOr<Scene> scene = LoadSceneFor(job, file, request.format, request.limits);
+  absl::StatusOr<Scene> scene = LoadSceneFor(job, file, request.type, request.limits);
   if (!scene.ok()) return scene.status();
   const uint64_t file_bytes = file.size();
   loaded.peak_bytes = file_bytes + SceneBytes(*scene);

@@ -16,7 +16,7 @@ namespace voxelpipe {
 
 // How a mesh file is to be read.
 struct LoadRequest {
-  MeshFormat format = MeshFormat::kAuto;
+  MeshFileType type = {};
   TextureUse textures = {};  // those that are decoded at once
   LoadLimits limits = {};
 };

@@ -9,9 +9,19 @@
 #include "load/decode/glb_container.h"
 #include "load/gltf/gltf.h"
 #include "load/load_job.h"
+#include "load/obj/obj.h"
+#include "load/off/off.h"
+#include "load/ply/ply.h"
+#include "load/stl/stl.h"
+#include "load/threemf/threemf.h"
 
 namespace voxelpipe {
 namespace {
+
+absl::StatusOr<Scene> Named(const char* format, absl::StatusOr<Scene> scene) {
+  if (scene.ok()) scene->format = format;
+  return scene;
+}
 
 absl::StatusOr<Scene> Dispatch(const JobContext& job, std::span<const uint8_t> bytes, MeshFormat format,
                                const LoadLimits& limits) {
@@ -21,51 +31,70 @@ absl::StatusOr<Scene> Dispatch(const JobContext& job, std::span<const uint8_t> b
       if (!chunks.ok()) return chunks.status();
       WarningList warnings;
       AddLeftOverBytes(*chunks, warnings);
-      absl::StatusOr<Scene> scene = LoadGltf(job, chunks->json, chunks->binary, limits, std::move(warnings));
-      if (scene.ok()) scene->format = "glb";
-      return scene;
+      return Named("glb", LoadGltf(job, chunks->json, chunks->binary, limits, std::move(warnings)));
     }
     case MeshFormat::kGltf: {
       const std::string_view json(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-      absl::StatusOr<Scene> scene = LoadGltf(job, json, std::nullopt, limits, {});
-      if (scene.ok()) scene->format = "gltf";
-      return scene;
+      return Named("gltf", LoadGltf(job, json, std::nullopt, limits, {}));
     }
-    case MeshFormat::kDraco: {
-      absl::StatusOr<Scene> scene = LoadDraco(job, bytes, limits);
-      if (scene.ok()) scene->format = "drc";
-      return scene;
-    }
+    case MeshFormat::kDraco: return Named("drc", LoadDraco(job, bytes, limits));
+    case MeshFormat::kStl: return Named("stl", LoadStl(job, bytes, limits));
+    case MeshFormat::kPly: return Named("ply", LoadPly(job, bytes, limits));
+    case MeshFormat::kOff: return Named("off", LoadOff(job, bytes, limits));
+    case MeshFormat::kObj: return Named("obj", LoadObj(job, bytes, limits));
+    case MeshFormat::k3mf: return Named("3mf", Load3mf(job, bytes, limits));
     case MeshFormat::kAuto: break;
   }
   return absl::InternalError("the mesh format was not resolved");
 }
 
-}  // namespace
-
-absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFormat format, const LoadLimits& limits) {
-  const JobContext endless;
-  return LoadSceneFor(endless, bytes, format, limits);
+// Scales a scene of a format without a unit to metres, by its nodes: in double.
+absl::Status SetUnit(LengthUnit unit, Scene& scene) {
+  const bool has_own = scene.format == "glb" || scene.format == "gltf" || scene.format == "3mf";
+  if (scene.format == "glb" || scene.format == "gltf") scene.unit = "m";
+  if (unit == LengthUnit::kNone) return absl::OkStatus();
+  if (has_own) {
+    return absl::InvalidArgumentError(absl::StrCat("mesh_unit: the file has a unit of its own (", scene.unit,
+                                                   "); one is given only for STL, PLY, OFF, OBJ and Draco"));
+  }
+  scene.unit = std::string(Name(unit));
+  const double metres = MetresOf(unit);
+  for (const uint32_t root : scene.roots) {
+    Node& node = scene.nodes[root];
+    node.trs.scale = {metres, metres, metres};  // the loaders of these formats leave the root without a transform
+    node.local = FromTrs(node.trs);
+  }
+  return absl::OkStatus();
 }
 
-absl::StatusOr<Scene> LoadSceneFor(const JobContext& job, std::span<const uint8_t> bytes, MeshFormat format,
+}  // namespace
+
+absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFileType type, const LoadLimits& limits) {
+  const JobContext endless;
+  return LoadSceneFor(endless, bytes, type, limits);
+}
+
+absl::StatusOr<Scene> LoadSceneFor(const JobContext& job, std::span<const uint8_t> bytes, MeshFileType type,
                                    const LoadLimits& limits) {
   if (bytes.empty()) return absl::InvalidArgumentError("the mesh is empty (zero bytes)");
   if (bytes.size() > limits.max_file_bytes) {
     return absl::ResourceExhaustedError(
         absl::StrCat("the mesh has ", bytes.size(), " bytes; the limit max_file_bytes is ", limits.max_file_bytes));
   }
-  if (format == MeshFormat::kAuto) {
+  if (type.format == MeshFormat::kAuto) {
     const std::optional<MeshFormat> sniffed = SniffMeshFormat(bytes);
     if (!sniffed) {
       return absl::InvalidArgumentError(
-          "the first bytes are of no format that can be read (GLB, glTF 2.0 JSON, Draco); a compressed archive must be "
-          "unpacked first");
+          "the first bytes are of no format that can be read (GLB, glTF 2.0 JSON, Draco, STL, PLY, OFF, OBJ, 3MF); a "
+          "compressed archive must be unpacked first");
     }
-    format = *sniffed;
+    type.format = *sniffed;
   }
   try {
-    absl::StatusOr<Scene> scene = Dispatch(job, bytes, format, limits);
+    absl::StatusOr<Scene> scene = Dispatch(job, bytes, type.format, limits);
+    if (scene.ok()) {
+      if (absl::Status bad = SetUnit(type.unit, *scene); !bad.ok()) return bad;
+    }
     // The end of the job may have become an error that names an accessor, a warning or an animation's fault.
     if (absl::Status over = job.Check(); !over.ok()) return over;
     return scene;

@@ -1,4 +1,4 @@
-// The entry for untrusted input: GLB, glTF 2.0 JSON, Draco.
+// The entry for untrusted input: GLB, glTF 2.0 JSON, Draco, STL, PLY, OFF, OBJ, 3MF.
 #pragma once
 
 #include <cstdint>
@@ -14,11 +14,11 @@
 
 namespace voxelpipe {
 
-// In: the whole file. `format` kAuto detects the format. Out: a validated Scene that owns its data. Never touches the
-// file system or the network: buffers and images are the GLB chunk or data: URIs only. Errors: INVALID_ARGUMENT naming
-// the accessor, buffer view, node, primitive or byte at fault; RESOURCE_EXHAUSTED naming the limit; UNIMPLEMENTED
-// never: a required extension that is unknown is INVALID_ARGUMENT naming it.
-absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFormat format = MeshFormat::kAuto,
-                                const LoadLimits& limits = {});
+// In: the whole file. kAuto detects the format. Out: a validated Scene in metres, or in the file's own numbers if
+// neither the file nor `type` has a unit; it owns its data. Never touches the file system or the network: buffers,
+// images and material libraries are inside the file or data: URIs. Errors: INVALID_ARGUMENT naming the accessor, buffer
+// view, node, primitive, line or byte at fault, or that the format has a unit of its own; RESOURCE_EXHAUSTED naming the
+// limit; UNIMPLEMENTED never: a required extension that is unknown is INVALID_ARGUMENT naming it.
+absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFileType type = {}, const LoadLimits& limits = {});
 
 }  // namespace voxelpipe

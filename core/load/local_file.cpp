@@ -14,6 +14,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/text.h"
+#include "load/base/text_reader.h"
 
 namespace voxelpipe {
 namespace {
@@ -78,6 +79,28 @@ absl::Status ReadAll(int descriptor, std::span<uint8_t> bytes) {
   return absl::OkStatus();
 }
 
+// In: a path as the file of the format `of` has it. Errors begin with `shown`.
+absl::StatusOr<SiblingFile> Resolve(const fs::path& directory, const std::string& path, const std::string& shown,
+                                    const char* of) {
+  const auto invalid = [&](const char* why) { return absl::InvalidArgumentError(absl::StrCat(shown, ": ", why)); };
+  if (path.empty()) return invalid("empty");
+  if (path.find('\0') != std::string::npos) return invalid("a zero byte is no part of a path");
+  if (fs::path(path).is_absolute()) return invalid("absolute paths are not read");
+  std::error_code error;
+  const fs::path root = fs::weakly_canonical(directory.empty() ? "." : directory, error);
+  if (error) return invalid("its directory cannot be resolved");
+  SiblingFile file{fs::weakly_canonical(root / path, error), ""};
+  if (error) return invalid("cannot be resolved");
+  if (IsInside(root, file.path)) return file;
+  if (const std::optional<fs::path> link = FirstLink(root, path)) {
+    file.outside = absl::StrCat("the link '", link->string(), "' leads out of the directory of the ", of, " file");
+  } else {
+    file.outside = absl::StrCat("leaves the directory of the ", of, " file");
+  }
+  absl::StrAppend(&file.outside, ", to '", file.path.string(), "'");
+  return file;
+}
+
 }  // namespace
 
 absl::StatusOr<FileBytes> ReadLocalFile(const fs::path& path, uint64_t max_bytes) {
@@ -117,24 +140,15 @@ absl::StatusOr<SiblingFile> ResolveSibling(const fs::path& directory, const std:
   if (HasScheme(uri)) return invalid("only data: URIs and files beside the glTF file are read");
   const std::optional<std::string> decoded = PercentDecode(uri);
   if (!decoded) return invalid("broken percent-encoding");
-  if (decoded->empty()) return invalid("empty");
-  if (decoded->find('\0') != std::string::npos || decoded->find('\\') != std::string::npos) {
-    return invalid("a backslash or a zero byte is no part of a path");
-  }
-  if (fs::path(*decoded).is_absolute()) return invalid("absolute paths are not read");
-  std::error_code error;
-  const fs::path root = fs::weakly_canonical(directory.empty() ? "." : directory, error);
-  if (error) return invalid("its directory cannot be resolved");
-  SiblingFile file{fs::weakly_canonical(root / *decoded, error), ""};
-  if (error) return invalid("cannot be resolved");
-  if (IsInside(root, file.path)) return file;
-  if (const std::optional<fs::path> link = FirstLink(root, *decoded)) {
-    file.outside = absl::StrCat("the link '", link->string(), "' leads out of the directory of the glTF file");
-  } else {
-    file.outside = "leaves the directory of the glTF file";
-  }
-  absl::StrAppend(&file.outside, ", to '", file.path.string(), "'");
-  return file;
+  if (decoded->find('\\') != std::string::npos) return invalid("a backslash is no part of a path");
+  return Resolve(directory, *decoded, UriName(uri), "glTF");
+}
+
+absl::StatusOr<SiblingFile> ResolveSiblingName(const fs::path& directory, const std::string& name) {
+  std::string path = name;
+  std::replace(path.begin(), path.end(), '\\', '/');
+  if (path.size() > 1 && path[1] == ':') path.insert(0, "/");  // a drive: absolute
+  return Resolve(directory, path, absl::StrCat("the file ", Quote(name)), "OBJ");
 }
 
 }  // namespace voxelpipe

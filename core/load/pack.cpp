@@ -9,12 +9,13 @@
 #include "absl/strings/str_cat.h"
 #include "base/limit_error.h"
 #include "base/memory_budget.h"
+#include "load/base/data_uri.h"
 #include "load/decode/glb_container.h"
-#include "load/gltf/document/gltf_buffers.h"
 #include "load/gltf/document/gltf_json.h"
 #include "load/gltf/document/json_guard.h"
 #include "load/loader.h"
 #include "load/local_file.h"
+#include "load/pack_obj.h"
 
 namespace voxelpipe {
 namespace {
@@ -56,7 +57,7 @@ std::optional<std::string> FileUri(const Json& object) {
   const auto it = object.find("uri");
   if (it == object.end() || !it->is_string()) return std::nullopt;
   const auto& uri = it->get_ref<const std::string&>();
-  if (gltf::IsDataUri(uri)) return std::nullopt;
+  if (IsDataUri(uri)) return std::nullopt;
   return uri;
 }
 
@@ -331,14 +332,22 @@ absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const Loa
   };
   auto bytes = ReadLocalFile(path, limits.max_file_bytes);
   if (!bytes.ok()) return named(bytes.status());
-  auto packed = PackMesh(*std::move(bytes), fs::path(path).parent_path(), limits, warnings, outside);
+  MeshFormat format = MeshFormat::kAuto;
+  if (!SniffMeshFormat(*bytes)) format = MeshFormatOfName(path).value_or(format);
+  auto packed = PackMesh(*std::move(bytes), fs::path(path).parent_path(), limits, warnings, outside, format);
   if (!packed.ok()) return named(packed.status());
   return packed;
 }
 
 absl::StatusOr<FileBytes> PackMesh(FileBytes bytes, const fs::path& directory, const LoadLimits& limits,
-                                   WarningList* warnings, const OutsideFiles& outside) {
+                                   WarningList* warnings, const OutsideFiles& outside, MeshFormat format) {
   try {
+    if (format == MeshFormat::kAuto) format = SniffMeshFormat(bytes).value_or(format);
+    if (format == MeshFormat::kObj) {
+      absl::StatusOr<std::optional<FileBytes>> packed = PackObj(bytes, directory, limits, outside);
+      if (!packed.ok()) return packed.status();
+      return *packed ? **std::move(packed) : std::move(bytes);
+    }
     std::optional<Source> source = Parse(bytes, limits);
     if (!source) return bytes;
     if (warnings != nullptr) warnings->Append(source->warnings);

@@ -7,6 +7,7 @@
 
 #include "absl/status/statusor.h"
 #include "base/warning.h"
+#include "load/decode/mesh_format.h"
 #include "load/file_bytes.h"
 #include "mesh/scene/load_limits.h"
 #include "mesh/scene/material.h"
@@ -21,8 +22,8 @@ struct OutsideFiles {
   TextureUse wanted{true, true, true};
 };
 
-// In: path of a .glb, .gltf or .drc. Out: bytes that LoadScene accepts without any file access. A .gltf (or .glb) that
-// refers to sibling files is packed with them into one GLB; only files inside the file's own directory (after resolving
+// In: path of a mesh file of any format. Out: bytes that LoadScene accepts without any file access. A .gltf (or .glb) that
+// refers to sibling files is packed with them into one GLB, an .obj gets them as data: URIs (pack_obj.h); only files inside the file's own directory (after resolving
 // symbolic links) are read unless `outside` allows others, percent-encoding is decoded, absolute paths and schemes are
 // refused. A missing image stays a URI, of which the loader warns if a shader reads it (geometry does not need it); a
 // missing buffer is an error. Errors: NOT_FOUND or INVALID_ARGUMENT, RESOURCE_EXHAUSTED past max_file_bytes, the
@@ -32,9 +33,9 @@ absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const Loa
                                               WarningList* warnings = nullptr, const OutsideFiles& outside = {});
 
 // The same for a mesh in memory, in any of the formats, whose errors name the URI alone; files that it names are
-// searched in `directory` (empty: the working directory).
+// searched in `directory` (empty: the working directory). `format` kAuto: detected.
 absl::StatusOr<FileBytes> PackMesh(FileBytes bytes, const std::filesystem::path& directory,
                                    const LoadLimits& limits = {}, WarningList* warnings = nullptr,
-                                   const OutsideFiles& outside = {});
+                                   const OutsideFiles& outside = {}, MeshFormat format = MeshFormat::kAuto);
 
 }  // namespace voxelpipe

@@ -5,6 +5,7 @@ namespace voxelpipe {
 MeshContents ContentsOf(const Scene& scene, const TriangleMesh& mesh, uint64_t file_bytes) {
   MeshContents contents;
   contents.format = scene.format;
+  contents.unit = scene.unit;
   contents.file_bytes = file_bytes;
   contents.nodes = scene.nodes.size();
   contents.meshes = scene.meshes.size();

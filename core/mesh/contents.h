@@ -15,7 +15,8 @@ struct MeshContents {
     std::string name;    // application-specific, with its underscore
     int components = 1;  // 1 to 4
   };
-  std::string format;       // "glb", "gltf", "drc"
+  std::string format;       // "glb", "gltf", "drc", "stl", "ply", "off", "obj", "3mf"
+  std::string unit;         // that the positions had in the file, such as "mm"; empty: unknown, they are as in the file
   uint64_t file_bytes = 0;  // of the self-contained file
   uint64_t nodes = 0, meshes = 0;
   uint64_t parts = 0;  // primitives of node instances

@@ -14,6 +14,7 @@ constexpr size_t kMaxAttributes = 256, kMaxNameBytes = 256;
 v1::MeshContents ToMessage(const MeshContents& contents, const std::vector<std::pair<std::string, double>>& stages) {
   v1::MeshContents message;
   message.set_format(contents.format);
+  message.set_unit(contents.unit);
   message.set_file_bytes(contents.file_bytes);
   message.set_nodes(contents.nodes);
   message.set_meshes(contents.meshes);
@@ -37,6 +38,7 @@ v1::MeshContents ToMessage(const MeshContents& contents, const std::vector<std::
 MeshContents FromMessage(const v1::MeshContents& message) {
   MeshContents contents;
   contents.format = message.format();
+  contents.unit = message.unit();
   contents.file_bytes = message.file_bytes();
   contents.nodes = message.nodes();
   contents.meshes = message.meshes();

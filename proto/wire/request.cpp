@@ -21,10 +21,17 @@ struct Pair {
   Core core;
 };
 
-constexpr Pair<v1::MeshFormat, MeshFormat> kMeshFormats[] = {{v1::MESH_FORMAT_UNSPECIFIED, MeshFormat::kAuto},
-                                                             {v1::MESH_FORMAT_GLB, MeshFormat::kGlb},
-                                                             {v1::MESH_FORMAT_GLTF, MeshFormat::kGltf},
-                                                             {v1::MESH_FORMAT_DRACO, MeshFormat::kDraco}};
+constexpr Pair<v1::MeshFormat, MeshFormat> kMeshFormats[] = {
+    {v1::MESH_FORMAT_UNSPECIFIED, MeshFormat::kAuto}, {v1::MESH_FORMAT_GLB, MeshFormat::kGlb},
+    {v1::MESH_FORMAT_GLTF, MeshFormat::kGltf},        {v1::MESH_FORMAT_DRACO, MeshFormat::kDraco},
+    {v1::MESH_FORMAT_STL, MeshFormat::kStl},          {v1::MESH_FORMAT_PLY, MeshFormat::kPly},
+    {v1::MESH_FORMAT_OFF, MeshFormat::kOff},          {v1::MESH_FORMAT_OBJ, MeshFormat::kObj},
+    {v1::MESH_FORMAT_3MF, MeshFormat::k3mf}};
+constexpr Pair<v1::LengthUnit, LengthUnit> kUnits[] = {{v1::LENGTH_UNIT_UNSPECIFIED, LengthUnit::kNone},
+                                                       {v1::LENGTH_UNIT_MILLIMETRE, LengthUnit::kMillimetre},
+                                                       {v1::LENGTH_UNIT_CENTIMETRE, LengthUnit::kCentimetre},
+                                                       {v1::LENGTH_UNIT_METRE, LengthUnit::kMetre},
+                                                       {v1::LENGTH_UNIT_INCH, LengthUnit::kInch}};
 constexpr Pair<v1::GridFit, GridFit> kFits[] = {{v1::GRID_FIT_TIGHT, GridFit::kTight},
                                                 {v1::GRID_FIT_CUBE, GridFit::kCube}};
 constexpr Pair<v1::Coverage, Coverage> kCoverages[] = {{v1::COVERAGE_CONSERVATIVE, Coverage::kConservative},
@@ -189,16 +196,28 @@ v1::MeshFormat ToMessage(MeshFormat format) {
   return WriteEnum(kMeshFormats, format);
 }
 
-absl::StatusOr<MeshFormat> ParseMeshFormat(v1::MeshFormat format, const std::string& field) {
-  MeshFormat parsed = MeshFormat::kAuto;
-  if (absl::Status s = ReadEnum(kMeshFormats, format, field, parsed); !s.ok()) return s;
+v1::LengthUnit ToMessage(LengthUnit unit) {
+  return WriteEnum(kUnits, unit);
+}
+
+absl::StatusOr<MeshFileType> ParseMeshType(v1::MeshFormat format, v1::LengthUnit unit, const std::string& prefix) {
+  MeshFileType parsed;
+  absl::Status s = ReadEnum(kMeshFormats, format, prefix + "mesh_format", parsed.format);
+  if (s.ok()) s = ReadEnum(kUnits, unit, prefix + "mesh_unit", parsed.unit);
+  if (!s.ok()) return s;
   return parsed;
 }
 
 absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
   ParsedConfig parsed;
   VoxelizeRequest& request = parsed.request;
-  absl::Status s = ReadEnum(kMeshFormats, config.mesh_format(), "mesh_format", parsed.mesh_format);
+  const absl::StatusOr<MeshFileType> type = ParseMeshType(config.mesh_format(), config.mesh_unit());
+  if (!type.ok()) return type.status();
+  parsed.mesh_type = *type;
+  absl::Status s;
+  if (type->unit != LengthUnit::kNone && !config.mesh_id().empty()) {
+    s = Invalid("mesh_unit", "a stored mesh has that of its upload; leave it out");
+  }
   if (s.ok()) s = ReadGrid(config.grid(), request.grid);
   if (s.ok()) s = ReadEnum(kCoverages, config.coverage(), "coverage", request.coverage);
   if (s.ok()) s = ReadEnum(kFills, config.fill(), "fill", request.fill);
@@ -226,9 +245,10 @@ absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
   return parsed;
 }
 
-v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_format, const CallSettings& settings) {
+v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFileType mesh_type, const CallSettings& settings) {
   v1::VoxelizeConfig config;
-  config.set_mesh_format(WriteEnum(kMeshFormats, mesh_format));
+  config.set_mesh_format(ToMessage(mesh_type.format));
+  config.set_mesh_unit(ToMessage(mesh_type.unit));
   v1::GridRequest* grid = config.mutable_grid();
   if (!request.grid.voxel_size && !request.grid.dims && !request.grid.origin)
     grid->set_resolution(request.grid.resolution);

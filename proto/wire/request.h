@@ -13,7 +13,7 @@ namespace voxelpipe {
 
 // A config in the types of the core.
 struct ParsedConfig {
-  MeshFormat mesh_format = MeshFormat::kAuto;
+  MeshFileType mesh_type;   // of the mesh that comes with the request
   VoxelizeRequest request;  // threads stays 0: clients do not choose it
   CallSettings settings;
   std::string mesh_id;         // of a stored mesh; empty: the mesh comes with the request
@@ -21,17 +21,19 @@ struct ParsedConfig {
 };
 
 v1::MeshFormat ToMessage(MeshFormat format);
-// INVALID_ARGUMENT naming `field` for a value that this server does not know.
-absl::StatusOr<MeshFormat> ParseMeshFormat(v1::MeshFormat format, const std::string& field);
+v1::LengthUnit ToMessage(LengthUnit unit);
+// INVALID_ARGUMENT naming the field, mesh_format or mesh_unit behind `prefix`, for a value that this server does not
+// know.
+absl::StatusOr<MeshFileType> ParseMeshType(v1::MeshFormat format, v1::LengthUnit unit, const std::string& prefix = "");
 
 // In: a message from a client. Out: the request with every default filled in. ValidateRequest checks shaders and
 // blends. Errors: INVALID_ARGUMENT "field: why" for enum values that this server does not know, a shader parameter
-// given twice, a grid given in two forms, more than kMaxTargets targets, a negative queue time-out, or new positions
-// without a mesh id.
+// given twice, a grid given in two forms, more than kMaxTargets targets, a negative queue time-out, new positions
+// without a mesh id, or a unit of a stored mesh.
 absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config);
 
 // The inverse of ParseConfig, without `threads`.
-v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFormat mesh_format = MeshFormat::kAuto,
+v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFileType mesh_type = {},
                               const CallSettings& settings = {});
 
 }  // namespace voxelpipe

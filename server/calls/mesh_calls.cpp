@@ -7,12 +7,12 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/checksum/crc32c.h"
-#include "base/checksum/sha256.h"
 #include "calls/call_setup.h"
 #include "isolate/loading.h"
 #include "jobs/request_memory.h"
 #include "load/load_mesh.h"
 #include "reply/raw_message.h"
+#include "wire/mesh_id.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -66,7 +66,8 @@ class UploadMeshCall::FileTask final : public Task {
 v1::StoredMesh ToMessage(KeptMesh& mesh) {
   v1::StoredMesh message;
   message.set_mesh_id(mesh.id());
-  message.set_mesh_format(ToMessage(mesh.format()));
+  message.set_mesh_format(ToMessage(mesh.type().format));
+  message.set_mesh_unit(ToMessage(mesh.type().unit));
   message.set_file_bytes(mesh.file_bytes());
   message.set_memory_bytes(mesh.memory_bytes());
   const KeptMesh::Facts facts = mesh.Report();
@@ -149,9 +150,9 @@ absl::Status UploadMeshCall::TakeMessage(v1::UploadMeshRequest& message) {
 
 absl::Status UploadMeshCall::TakeUpload(const v1::MeshUpload& upload) {
   if (std::exchange(begun_, true)) return absl::InvalidArgumentError("upload: only the first message may be one");
-  absl::StatusOr<MeshFormat> format = ParseMeshFormat(upload.mesh_format(), "upload.mesh_format");
-  if (!format.ok()) return format.status();
-  format_ = *format;
+  absl::StatusOr<MeshFileType> type = ParseMeshType(upload.mesh_format(), upload.mesh_unit(), "upload.");
+  if (!type.ok()) return type.status();
+  type_ = *type;
   if (upload.mesh_id().empty()) return absl::OkStatus();
   expected_id_ = upload.mesh_id();
   return CheckMeshId(expected_id_, "upload.mesh_id");
@@ -201,7 +202,7 @@ void UploadMeshCall::Work() {
   try {
     if (absl::Status s = job_.Check(); !s.ok()) return Answer(s, false);
     std::vector<uint8_t> file = Join(pieces_, record_.bytes_in);
-    const std::string id = Sha256Hex(file);
+    const std::string id = MeshIdOf(file, type_.unit);
     if (!expected_id_.empty() && id != expected_id_) {
       return Answer(absl::DataLossError(absl::StrCat("the mesh's SHA-256 is ", id, ", not the mesh_id ", expected_id_)),
                     false);
@@ -212,7 +213,7 @@ void UploadMeshCall::Work() {
     const auto load_job = std::make_shared<JobContext>();  // continues while any call waits for the mesh
     const std::shared_ptr<MemoryBudget> memory = MakeRequestMemory(state_.working, *load_job);
     const auto done = [self = shared_from_this()](const Loads::Answer& mesh) { self->Keep(mesh); };
-    const Loads::Seat seat = state_.loads.Join(absl::StrCat(id, "/", int(format_)), {.done = done, .news = {}});
+    const Loads::Seat seat = state_.loads.Join(absl::StrCat(id, "/", int(type_.format)), {.done = done, .news = {}});
     if (seat.first) state_.loads.WhenEmpty(seat.flight, [load_job] { load_job->Cancel(); });
     {
       const std::lock_guard lock(mutex_);
@@ -233,11 +234,12 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> UploadMeshCall::Load(std::vector<uint8
                                                                const JobContext& job) {
   try {
     const uint64_t file_bytes = file.size();
-    const MeshFormat format = format_ == MeshFormat::kAuto ? SniffMeshFormat(file).value_or(format_) : format_;
+    MeshFileType type = type_;
+    if (type.format == MeshFormat::kAuto) type.format = SniffMeshFormat(file).value_or(type.format);
     absl::StatusOr<LoadedMesh> loaded =
-        LoadMesh(std::move(file), {format, {}, state_.limits.load}, state_.limits.load_workers, job);
+        LoadMesh(std::move(file), {type, {}, state_.limits.load}, state_.limits.load_workers, job);
     if (!loaded.ok()) return loaded.status();
-    return std::make_shared<KeptMesh>(id, format, file_bytes, *std::move(loaded));
+    return std::make_shared<KeptMesh>(id, type, file_bytes, *std::move(loaded));
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory for the mesh");
   } catch (const std::exception& error) {

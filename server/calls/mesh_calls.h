@@ -79,7 +79,7 @@ class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>,
   std::unique_ptr<IdleWatch::Wait> upload_wait_;
   uint64_t upload_bytes_seen_ = 0;
   bool begun_ = false;
-  MeshFormat format_ = MeshFormat::kAuto;
+  MeshFileType type_;
   std::string expected_id_;  // empty: not given
   std::deque<std::string> pieces_;
   BudgetShare uploads_;

@@ -126,7 +126,7 @@ class Worker {
     reader.View(file);
     if (absl::Status s = reader.Finish(); !s.ok()) return s;
     const absl::StatusOr<LoadedMesh> loaded =
-        LoadMeshFor(job, file, {question.format, question.textures, question.limits});
+        LoadMeshFor(job, file, {{question.format, question.unit}, question.textures, question.limits});
     if (!loaded.ok()) return loaded.status();
     ArchiveWriter answer;
     Fields(answer, absl::OkStatus());

@@ -18,6 +18,7 @@ inline constexpr int kCancelSignal = 10;  // SIGUSR1
 // The fields of a request besides the file or the textures. Both processes are of one build.
 struct LoadQuestion {
   MeshFormat format = MeshFormat::kAuto;
+  LengthUnit unit = LengthUnit::kNone;
   TextureUse textures;
   LoadLimits limits;
   int64_t deadline_ns = 0;    // of the steady clock; 0: none
@@ -27,7 +28,8 @@ struct LoadQuestion {
 
 template <typename A, typename Q>
 void QuestionFields(A& archive, Q& question) {
-  archive.Enum(question.format, MeshFormat::kDraco);
+  archive.Enum(question.format, MeshFormat::k3mf);
+  archive.Enum(question.unit, LengthUnit::kInch);
   archive.Flag(question.textures.base_color);
   archive.Flag(question.textures.emissive);
   archive.Flag(question.textures.metallic_roughness);

@@ -25,7 +25,8 @@ constexpr milliseconds kRetryInterval{200};  // after a failed start
 
 LoadQuestion QuestionOf(const LoadRequest& request, const JobContext& job, uint64_t memory_bytes, uint32_t threads) {
   LoadQuestion question;
-  question.format = request.format;
+  question.format = request.type.format;
+  question.unit = request.type.unit;
   question.textures = request.textures;
   question.limits = request.limits;
   question.memory_bytes = memory_bytes;

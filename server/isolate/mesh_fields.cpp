@@ -206,6 +206,7 @@ void ArraysOf(A& archive, M& mesh) {
 template <typename A, typename C>
 void ContentsFields(A& archive, C& contents) {
   archive.Text(contents.format);
+  archive.Text(contents.unit);
   for (auto* number : {&contents.file_bytes, &contents.nodes, &contents.meshes, &contents.parts, &contents.materials,
                        &contents.textures, &contents.images}) {
     archive.Value(*number);

@@ -83,7 +83,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
   using Prepared = std::shared_ptr<const PreparedMesh>;
   return Guarded<Prepared>([&]() -> absl::StatusOr<Prepared> {
     absl::StatusOr<LoadedMesh> loaded = LoadMesh(
-        std::move(file), {config.mesh_format, TexturesRead(config.request), limits.load}, limits.load_workers, job);
+        std::move(file), {config.mesh_type, TexturesRead(config.request), limits.load}, limits.load_workers, job);
     if (!loaded.ok()) return loaded.status();
     auto prepared = std::make_shared<PreparedMesh>();
     prepared->examined = config.request.fill != Fill::kNone;

@@ -52,7 +52,7 @@ absl::Status VoxelizeJob::Prepare() {
 
 void VoxelizeJob::Weigh() {
   MeshFacts facts;
-  facts.format = config.mesh_format;
+  facts.format = config.mesh_type.format;
   if (mesh) {
     facts.triangles = mesh->mesh->triangles.size();
     facts.box = Box3d{mesh->report.min, mesh->report.max, mesh->report.triangles == 0};
@@ -61,7 +61,8 @@ void VoxelizeJob::Weigh() {
     facts.file_bytes = file_bytes();
     if (!kept && !pieces.empty()) {
       const std::string& first = pieces.front();
-      costly_ = FindCostlyParts({reinterpret_cast<const uint8_t*>(first.data()), first.size()}, config.mesh_format);
+      costly_ =
+          FindCostlyParts({reinterpret_cast<const uint8_t*>(first.data()), first.size()}, config.mesh_type.format);
       facts.compressed = costly_.compressed;
     }
     if (kept) facts.triangles = kept->triangles();

@@ -71,9 +71,9 @@ std::shared_ptr<TriangleMesh> CopyWithImages(const TriangleMesh& mesh) {
 
 }  // namespace
 
-KeptMesh::KeptMesh(std::string id, MeshFormat format, uint64_t file_bytes, LoadedMesh loaded)
+KeptMesh::KeptMesh(std::string id, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded)
     : id_(std::move(id)),
-      format_(format),
+      type_(type),
       file_bytes_(file_bytes),
       triangles_(loaded.mesh.triangles.size()),
       vertices_(loaded.mesh.positions.size()) {

@@ -25,11 +25,11 @@ class LoadWorkers;
 // Thread-safe. Returned meshes never change: textures are decoded into a copy, which replaces the mesh.
 class KeptMesh {
  public:
-  // `id`: SHA-256 of the file's bytes, 64 lower-case hexadecimal digits. `format`: of the file, not kAuto.
-  KeptMesh(std::string id, MeshFormat format, uint64_t file_bytes, LoadedMesh loaded);
+  // `id`: that of MeshIdOf (wire/mesh_id.h). `type`: of the file, its format not kAuto.
+  KeptMesh(std::string id, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded);
 
   const std::string& id() const { return id_; }
-  MeshFormat format() const { return format_; }
+  const MeshFileType& type() const { return type_; }
   uint64_t file_bytes() const { return file_bytes_; }
   uint64_t triangles() const { return triangles_; }  // of the flattened mesh
   uint64_t vertices() const { return vertices_; }
@@ -70,7 +70,7 @@ class KeptMesh {
   static absl::Status Lock(std::unique_lock<std::timed_mutex>& preparing, const JobContext& job);
 
   const std::string id_;
-  const MeshFormat format_;
+  const MeshFileType type_;
   const uint64_t file_bytes_;
   const uint64_t triangles_, vertices_;
   std::atomic<uint64_t> memory_bytes_{0}, uses_{0};

@@ -271,7 +271,7 @@ std::string RequestKey(const VoxelizeJob& job) {
     google::protobuf::io::StringOutputStream out(&key);  // appends
     google::protobuf::io::CodedOutputStream coded(&out);
     coded.SetSerializationDeterministic(true);
-    MakeConfig(config.request, config.mesh_format, settings).SerializeToCodedStream(&coded);
+    MakeConfig(config.request, config.mesh_type, settings).SerializeToCodedStream(&coded);
   }
   return key;
 }

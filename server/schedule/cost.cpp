@@ -22,7 +22,7 @@ constexpr double kParityNs = 0.06;       // a voxel
 constexpr double kFloodNs = 1.5;         // a voxel
 
 constexpr double kPlainByteLoadNs = 2.5;  // GLB: parse, flatten
-constexpr double kTextByteLoadNs = 6;     // glTF with data URIs
+constexpr double kTextByteLoadNs = 6;     // glTF with data URIs, OBJ, OFF
 constexpr double kDracoByteLoadNs = 60;   // some two bytes a triangle
 constexpr double kPlainBytesATriangle = 30;
 constexpr double kDracoBytesATriangle = 3;
@@ -41,6 +41,10 @@ double Voxels(const VoxelizeRequest& request, const MeshFacts& mesh) {
   return n * n * n;
 }
 
+bool IsText(MeshFormat format) {
+  return format == MeshFormat::kGltf || format == MeshFormat::kObj || format == MeshFormat::kOff;
+}
+
 uint64_t Whole(double value) {
   return value < 1e18 ? uint64_t(std::max(0.0, value)) : uint64_t(1e18);
 }
@@ -49,7 +53,7 @@ uint64_t Whole(double value) {
 
 JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
   JobCost cost;
-  const bool draco = mesh.compressed || mesh.format == MeshFormat::kDraco;
+  const bool draco = mesh.compressed || mesh.format == MeshFormat::kDraco || mesh.format == MeshFormat::k3mf;
   const double file_bytes = double(mesh.file_bytes);
   const double triangles =
       mesh.triangles ? double(*mesh.triangles) : file_bytes / (draco ? kDracoBytesATriangle : kPlainBytesATriangle);
@@ -94,9 +98,9 @@ JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
   cost.run_ms = kJobMs + ns * kNs;
   if (mesh.file_bytes > 0) {
     cost.load_ms = kJobMs + file_bytes * kNs *
-                                (draco                              ? kDracoByteLoadNs
-                                 : mesh.format == MeshFormat::kGltf ? kTextByteLoadNs
-                                                                    : kPlainByteLoadNs);
+                                (draco                 ? kDracoByteLoadNs
+                                 : IsText(mesh.format) ? kTextByteLoadNs
+                                                       : kPlainByteLoadNs);
   }
   return cost;
 }

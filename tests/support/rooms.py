@@ -17,7 +17,8 @@ FLOORS = """
 core/base/checksum core/base core/grid core/raster core/raster/filtered core/job
 core/mesh/scene core/mesh core/mesh/health core/mesh/views
 core/shaders/texture core/shaders/interface core/shaders/fragment core/shaders/vertex core/shaders
-core/load/decode core/load/gltf/document core/load/gltf/geometry core/load/gltf core/load
+core/load/base core/load/stl core/load/ply core/load/off core/load/obj core/load/decode
+core/load/threemf core/load/gltf/document core/load/gltf/geometry core/load/gltf core/load
 core/pipeline/plan core/pipeline/stages
 core/host_mesh core/cpu/base core/cpu/rows core/cpu
 core/pipeline

@@ -153,7 +153,7 @@ class Run {
 
   absl::StatusOr<Prepared> Prepare(const BatchItem& item, const JobContext& job) const {
     absl::StatusOr<MeshInput> mesh =
-        ReadMeshInput(item.input, {plan_.allow_outside, TexturesRead(item.request->request)}, job);
+        ReadMeshInput(item.input, {{plan_.allow_outside, TexturesRead(item.request->request)}, item.type}, job);
     if (!mesh.ok()) {
       return absl::Status(mesh.status().code(), absl::StrCat(item.input, ": ", std::string(mesh.status().message())));
     }

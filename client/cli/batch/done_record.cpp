@@ -62,9 +62,15 @@ absl::StatusOr<std::string> ItemKey(const BatchItem& item, const std::string& in
   const bool picture = !item.preview.empty() || FileExtension(item.output) == ".png";
   const std::string view =
       picture ? absl::StrCat("picture ", kPictureVersion, " ", item.view.azimuth, " ", item.view.elevation, "\n") : "";
+  // Only if set, so that earlier records stay valid.
+  const std::string unit =
+      item.type.unit == LengthUnit::kNone ? "" : absl::StrCat("unit ", std::string(Name(item.type.unit)), "\n");
+  const std::string format = item.type.format == MeshFormat::kAuto
+                                 ? ""
+                                 : absl::StrCat("input format ", std::string(Name(item.type.format)), "\n");
   const std::string text = absl::StrCat("voxelpipe batch ", kFormatVersion, "\n", item.request->digest, "\n",
                                         input_sha256, "\n", item.output, "\n", item.preview, "\n",
-                                        FileExtension(item.output) == ".raw" ? "described\n" : "", view);
+                                        FileExtension(item.output) == ".raw" ? "described\n" : "", view, unit, format);
   return Sha256Hex({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
 }
 

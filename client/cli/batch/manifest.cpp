@@ -65,7 +65,7 @@ absl::StatusOr<std::vector<std::string>> AsTexts(const std::string& key, const j
 
 // The fields of an item besides its request.
 struct ItemNames {
-  std::optional<std::string> id{}, input{}, output{}, format{}, preview{}, view{};
+  std::optional<std::string> id{}, input{}, output{}, format{}, preview{}, view{}, unit{}, input_format{};
 };
 
 // Sets one option of the request; false if there is none of this name.
@@ -119,8 +119,9 @@ absl::StatusOr<bool> SetOption(const std::string& key, const json& value, Reques
 
 absl::Status SetName(const std::string& key, const json& value, ItemNames& names) {
   const std::map<std::string, std::optional<std::string>*> known = {
-      {"id", &names.id},         {"name", &names.id},         {"input", &names.input}, {"output", &names.output},
-      {"format", &names.format}, {"preview", &names.preview}, {"view", &names.view}};
+      {"id", &names.id},         {"name", &names.id},       {"input", &names.input},
+      {"output", &names.output}, {"format", &names.format}, {"preview", &names.preview},
+      {"view", &names.view},     {"unit", &names.unit},     {"input_format", &names.input_format}};
   const auto found = known.find(key);
   if (found == known.end()) return Wrong("unknown key '", key, "'");
   if (!value.is_string() && !(found->second == &names.id && value.is_number_integer())) {
@@ -246,6 +247,10 @@ class Reader {
     item.line = line;
     item.request = *std::move(request);
     item.input = FindInput(directory_, *names.input);
+    const absl::StatusOr<MeshFileType> type =
+        MeshTypeOf(names.input_format.value_or(defaults_.mesh.input_format), names.unit.value_or(defaults_.mesh.unit));
+    if (!type.ok()) return type.status();
+    item.type = *type;
     if (absl::Status s = NameOutput(names, item); !s.ok()) return s;
     if (names.preview) {
       absl::StatusOr<std::string> preview = InsideOutput("preview", *names.preview);

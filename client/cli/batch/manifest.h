@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "encode/preview/preview_view.h"
 #include "job/request.h"
+#include "options/mesh_flags.h"
 #include "options/request_options.h"
 
 namespace voxelpipe::cli {
@@ -36,6 +37,7 @@ struct BatchItem {
   size_t line = 0;                              // in the manifest, from 1
   std::string id;                               // as given, otherwise the output's name without its extension
   std::string input;                            // path of the mesh file
+  MeshFileType type;                            // of that file
   std::string output;                           // of the result, relative to the output directory, '/' between parts
   std::string preview;                          // of the picture, relative in the same way; empty = none
   PreviewView view;                             // the camera of its pictures
@@ -50,6 +52,7 @@ struct ManifestDefaults {
   RequestOptions request;             // for options that an item does not give
   std::optional<std::string> format;  // a name of format_registry.h; absent: npy for dense results, npz for others
   std::optional<std::string> view;    // for items with pictures, as ParseView takes it; absent: its default
+  MeshFlags mesh;
 };
 
 // In: the path of a manifest. Each line is an object, or blank. Its keys, all optional but `input`:
@@ -60,6 +63,7 @@ struct ManifestDefaults {
 //   format   npy, npz, ...: a name of core/encode/format_registry.h
 //   preview  file of a picture below the output directory
 //   view     the camera of the item's pictures, as ParseView takes it
+//   unit, input_format    of the mesh file, as `voxelpipe voxelize` takes them
 // and any option of `voxelpipe voxelize` about the grid, the voxels and the execution, without its dashes ("voxel_size"
 // or "voxel-size"): numbers, texts, or lists of them; "target" is a text or a list. A grid of an item replaces that of
 // the defaults. The file of a "grid_like" is searched like an input; digests hold its grid, not its name. Errors:

@@ -13,6 +13,7 @@
 #include "bench/arrivals.h"
 #include "bench/histogram.h"
 #include "job/request.h"
+#include "load/decode/mesh_format.h"
 #include "load/file_bytes.h"
 
 namespace voxelpipe::cli {
@@ -20,6 +21,7 @@ namespace voxelpipe::cli {
 struct LoadPlan {
   std::vector<std::string> servers;  // at least one
   FileBytes mesh;
+  MeshFileType mesh_type;
   VoxelizeRequest request;
   // Fields of the message besides the request; absent or empty: the server's choice.
   std::string priority;     // high, normal, low

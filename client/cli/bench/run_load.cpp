@@ -58,12 +58,13 @@ v1::VoxelizeConfig ConfigOf(const LoadPlan& plan) {
 
 // UNIMPLEMENTED if the server stores no meshes.
 absl::StatusOr<std::string> UploadMesh(VoxelizationService::Stub& stub, const std::string& target,
-                                       const FileBytes& mesh) {
+                                       const FileBytes& mesh, MeshFileType type) {
   grpc::ClientContext context;
   v1::UploadMeshResponse response;
   const std::unique_ptr<grpc::ClientWriter<v1::UploadMeshRequest>> writer = stub.UploadMesh(&context, &response);
   v1::UploadMeshRequest message;
-  message.mutable_upload();
+  message.mutable_upload()->set_mesh_format(ToMessage(type.format));
+  message.mutable_upload()->set_mesh_unit(ToMessage(type.unit));
   bool open = writer->Write(message);
   for (size_t offset = 0; open && offset < mesh.size(); offset += kPieceBytes) {
     const size_t bytes = std::min(kPieceBytes, mesh.size() - offset);
@@ -208,7 +209,7 @@ class Servers {
     result.mesh_sent = plan.send_mesh;
     for (size_t i = 0; i < plan.servers.size() && !result.mesh_sent; ++i) {
       VoxelizationService::Stub stub(channels[i]);
-      const absl::StatusOr<std::string> id = UploadMesh(stub, plan.servers[i], plan.mesh);
+      const absl::StatusOr<std::string> id = UploadMesh(stub, plan.servers[i], plan.mesh, plan.mesh_type);
       if (absl::IsUnimplemented(id.status())) {
         result.mesh_sent = true;
         config.clear_mesh_id();
@@ -217,6 +218,10 @@ class Servers {
       } else {
         config.set_mesh_id(*id);  // the same on all: the SHA-256 of the bytes
       }
+    }
+    if (result.mesh_sent) {
+      config.set_mesh_format(ToMessage(plan.mesh_type.format));
+      config.set_mesh_unit(ToMessage(plan.mesh_type.unit));
     }
     const FileBytes none;
     const FileBytes& mesh = result.mesh_sent ? plan.mesh : none;

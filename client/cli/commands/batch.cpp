@@ -16,6 +16,7 @@
 #include "engine/interrupt.h"
 #include "engine/report.h"
 #include "engine/server_option.h"
+#include "options/mesh_flags.h"
 #include "options/request_flags.h"
 
 namespace voxelpipe::cli {
@@ -50,6 +51,7 @@ absl::Status Prepare(BatchArguments& arguments) {
   if (!plan.servers.empty()) {
     if (absl::Status status = CheckServerOption(plan.servers.front()); !status.ok()) return status;
   }
+  plan.allow_outside = arguments.defaults.mesh.allow_outside;
   // Errors in the defaults are not those of the manifest.
   if (const auto request = BuildRequest(arguments.defaults.request); !request.ok()) return request.status();
   if (const auto& view = arguments.defaults.view; view && !ParseView(*view).ok()) {
@@ -185,7 +187,7 @@ void AddBatchCommand(CLI::App& app, int& exit_code) {
   add("--report", arguments->report, "FILE", "Write the outcome of each mesh, as JSON")->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the totals as one JSON object")->group(group);
   AddProgressFlag(*command, arguments->progress, group);
-  AddAllowOutside(*command, plan.allow_outside);
+  AddMeshFlags(*command, arguments->defaults.mesh);
   AddRequestFlags(*command, arguments->defaults.request);
   command->callback([arguments, &exit_code] { exit_code = Batch(*arguments); });
 }

@@ -10,6 +10,7 @@
 #include "engine/interrupt.h"
 #include "engine/report.h"
 #include "engine/server_option.h"
+#include "options/mesh_flags.h"
 #include "options/request_flags.h"
 #include "options/standard_streams.h"
 #include "shaders/catalog.h"
@@ -24,7 +25,8 @@ struct BenchArguments {
   std::optional<int64_t> deadline_ms;
   std::string arrivals = "poisson", fallback;
   double max_error_rate = 0.01;
-  bool json = false, allow_outside = false;
+  bool json = false;
+  MeshFlags mesh_flags;
 };
 
 absl::Status CheckOptions(const BenchArguments& arguments) {
@@ -53,13 +55,17 @@ absl::StatusOr<LoadResult> Run(BenchArguments& arguments) {
   try {
     JobContext reading;
     const CancelOnInterrupt cancel(reading);
+    const MeshFlags& flags = arguments.mesh_flags;
+    const absl::StatusOr<MeshFileType> type = MeshTypeOf(flags.input_format, flags.unit);
+    if (!type.ok()) return type.status();
     absl::StatusOr<MeshInput> mesh =
-        ReadMeshInput(arguments.mesh, {arguments.allow_outside, TexturesRead(arguments.plan.request)}, reading);
+        ReadMeshInput(arguments.mesh, {{flags.allow_outside, TexturesRead(arguments.plan.request)}, *type}, reading);
     if (!mesh.ok()) {
       return absl::Status(mesh.status().code(),
                           absl::StrCat(InputName(arguments.mesh), ": ", std::string(mesh.status().message())));
     }
     arguments.plan.mesh = std::move(mesh->bytes);
+    arguments.plan.mesh_type = mesh->type;
     return RunLoad(arguments.plan);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");
@@ -158,7 +164,7 @@ void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments
 void AddBenchCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<BenchArguments>();
   CLI::App* command = app.add_subcommand("bench", "Put a load on servers and measure throughput and latency");
-  command->add_option("MESH", arguments->mesh, "Mesh file: .glb, .gltf, .drc; - is standard input")
+  command->add_option("MESH", arguments->mesh, "Mesh file: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input")
       ->required()
       ->type_name("");
   command->add_option("--server", arguments->plan.servers, Wrapped("A server; several with commas or several --server"))
@@ -171,7 +177,7 @@ void AddBenchCommand(CLI::App& app, int& exit_code) {
         if (server.empty()) throw CLI::ValidationError("--server", "must not be empty");
       });
   command->add_flag("--json", arguments->json, "Print one JSON object");
-  AddAllowOutside(*command, arguments->allow_outside);
+  AddMeshFlags(*command, arguments->mesh_flags);
   AddLoadOptions(*command, arguments->plan, *arguments);
   AddRequestFlags(*command, arguments->request);
   command->callback([arguments, &exit_code] { exit_code = Bench(*arguments); });

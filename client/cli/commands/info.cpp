@@ -15,8 +15,8 @@
 #include "mesh/contents.h"
 #include "mesh/health/health.h"
 #include "mesh/report.h"
+#include "options/mesh_flags.h"
 #include "options/missing_file.h"
-#include "options/request_flags.h"
 #include "options/standard_streams.h"
 #include "pipeline/warnings.h"
 
@@ -25,7 +25,8 @@ namespace {
 
 struct InfoArguments {
   std::string path, server;
-  bool json = false, allow_outside = false;
+  bool json = false;
+  MeshFlags mesh;
 };
 
 nlohmann::ordered_json InfoJson(const std::string& path, const MeshFacts& facts) {
@@ -42,6 +43,7 @@ nlohmann::ordered_json InfoJson(const std::string& path, const MeshFacts& facts)
   const Vec3d size = report.max - report.min;
   json["size"] = {size.x, size.y, size.z};
   json["format"] = contents.format;
+  json["unit"] = contents.unit.empty() ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(contents.unit);
   json["bytes"] = contents.file_bytes;
   json["nodes"] = contents.nodes;
   json["meshes"] = contents.meshes;
@@ -61,6 +63,12 @@ nlohmann::ordered_json InfoJson(const std::string& path, const MeshFacts& facts)
   return json;
 }
 
+// glTF's is part of its format.
+std::string UnitText(const MeshContents& contents) {
+  if (contents.unit.empty()) return "no unit; --unit mm|cm|m|in scales the file to metres";
+  return contents.unit == "m" ? "m" : absl::StrCat(contents.unit, ", scaled to metres");
+}
+
 std::string InfoTable(const std::string& path, const MeshFacts& facts) {
   const MeshReport& report = facts.report;
   const MeshContents& contents = facts.contents;
@@ -76,9 +84,8 @@ std::string InfoTable(const std::string& path, const MeshFacts& facts) {
   row("box", absl::StrFormat("%.6g %.6g %.6g to %.6g %.6g %.6g", report.min.x, report.min.y, report.min.z, report.max.x,
                              report.max.y, report.max.z));
   const Vec3d size = report.max - report.min;
-  // The unit of glTF; a bare Draco stream says nothing about its own.
-  row("size",
-      absl::StrFormat("%.6g x %.6g x %.6g%s", size.x, size.y, size.z, contents.format == "drc" ? "" : " metres"));
+  row("size", absl::StrFormat("%.6g x %.6g x %.6g%s", size.x, size.y, size.z, contents.unit.empty() ? "" : " metres"));
+  row("unit", UnitText(contents));
   if (facts.health) {
     for (const auto& [name, text] : HealthRows(*facts.health, path)) row(name.c_str(), text);
   }
@@ -103,8 +110,8 @@ absl::Status Print(const InfoArguments& arguments, const MeshFacts& facts) {
   return PrintLine(InfoJson(arguments.path, facts).dump(-1, ' ', false, kReplace));
 }
 
-absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const OutsideFiles& outside, const JobContext& job) {
-  absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, outside, job);
+absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const MeshReading& reading, const JobContext& job) {
+  absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, reading, job);
   if (!mesh.ok()) return mesh.status();
   WarningList warnings = std::move(mesh->warnings);
   absl::StatusOr<LoadedMesh> loaded = LoadMeshInput(*std::move(mesh), TextureUse{}, job);
@@ -127,10 +134,13 @@ absl::Status Info(const InfoArguments& arguments) {
   JobContext job;
   const CancelOnInterrupt cancel(job);
   try {
-    const OutsideFiles outside{arguments.allow_outside, TextureUse{}};  // textures are not read, but reported
+    const absl::StatusOr<MeshFileType> type = MeshTypeOf(arguments.mesh.input_format, arguments.mesh.unit);
+    if (!type.ok()) return type.status();
+    // Textures are not read, but reported.
+    const MeshReading reading{{arguments.mesh.allow_outside, TextureUse{}}, *type};
     const absl::StatusOr<MeshFacts> facts = arguments.server.empty()
-                                                ? LocalFacts(arguments.path, outside, job)
-                                                : RemoteFacts(arguments.server, arguments.path, outside, job);
+                                                ? LocalFacts(arguments.path, reading, job)
+                                                : RemoteFacts(arguments.server, arguments.path, reading, job);
     if (absl::IsNotFound(facts.status())) {
       return absl::NotFoundError(absl::StrCat(std::string(facts.status().message()), MissingFileHint(arguments.path)));
     }
@@ -147,7 +157,9 @@ absl::Status Info(const InfoArguments& arguments) {
 void AddInfoCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<InfoArguments>();
   CLI::App* command = app.add_subcommand("info", "Describe a mesh file: contents, health, and the fill that suits it");
-  command->add_option("FILE", arguments->path, "Mesh file: .glb, .gltf, .drc; - is standard input")
+  command
+      ->add_option("FILE", arguments->path,
+                   "Mesh file: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input")
       ->required()
       ->type_name("");
   command
@@ -156,7 +168,7 @@ void AddInfoCommand(CLI::App& app, int& exit_code) {
       ->type_name("HOST:PORT")
       ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print one JSON object");
-  AddAllowOutside(*command, arguments->allow_outside);
+  AddMeshFlags(*command, arguments->mesh);
   command->callback([arguments, &exit_code] {
     if (const absl::Status status = CheckServerOption(arguments->server); !status.ok()) {
       PrintError("", status);

@@ -12,6 +12,7 @@
 #include "engine/report.h"
 #include "engine/run_to_files.h"
 #include "engine/server_option.h"
+#include "options/mesh_flags.h"
 #include "options/missing_file.h"
 #include "options/output_plan.h"
 #include "options/request_flags.h"
@@ -27,7 +28,8 @@ struct VoxelizeArguments {
   std::string server, progress = "auto";
   RequestOptions request;
   int repeat = 1;
-  bool json = false, allow_outside = false, recursive = false;
+  bool json = false, recursive = false;
+  MeshFlags mesh;
 };
 
 absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan,
@@ -35,7 +37,10 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
   JobContext job([&view](std::string_view stage, double fraction) { view.Show(stage, fraction); });
   const CancelOnInterrupt cancel(job);
   try {
-    absl::StatusOr<MeshInput> mesh = ReadMeshInput(input, {arguments.allow_outside, TexturesRead(request)}, job);
+    const absl::StatusOr<MeshFileType> type = MeshTypeOf(arguments.mesh.input_format, arguments.mesh.unit);
+    if (!type.ok()) return type.status();
+    absl::StatusOr<MeshInput> mesh =
+        ReadMeshInput(input, {{arguments.mesh.allow_outside, TexturesRead(request)}, *type}, job);
     if (absl::IsNotFound(mesh.status())) {
       return absl::NotFoundError(absl::StrCat(std::string(mesh.status().message()), MissingFileHint(input)));
     }
@@ -118,7 +123,7 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   CLI::App* command = app.add_subcommand("voxelize", "Voxelize meshes");
   command
       ->add_option("IN", arguments->inputs,
-                   Wrapped("Mesh files: .glb, .gltf, .drc; - is standard input. Also directories, for the meshes in "
+                   Wrapped("Mesh files: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input. Also directories, for the meshes in "
                            "them, and quoted patterns of *, ? and ** (any directories), as in 'meshes/**/*.glb'"))
       ->required()
       ->type_name("");
@@ -149,7 +154,7 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
       ->check(RefuseEmpty);
   command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
   AddProgressFlag(*command, arguments->progress, kExecutionGroup);
-  AddAllowOutside(*command, arguments->allow_outside);
+  AddMeshFlags(*command, arguments->mesh);
   AddRequestFlags(*command, arguments->request);
   command->add_option("--server", arguments->server, "Voxelize on this server instead of in this process")
       ->group(kExecutionGroup)

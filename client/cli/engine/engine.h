@@ -43,11 +43,18 @@ struct MeshInput {
   FileBytes bytes;
   double read_ms = 0;
   WarningList warnings{};  // of packing
+  MeshFileType type{};     // its format kAuto if the content shows it
 };
 
-// In: the path of a mesh file, or "-" for standard input; siblings that such a glTF names are searched in the working
-// directory. Errors: those of ReadLocalFile, ReadStandardInput and PackMesh, without the path.
-absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const OutsideFiles& outside, const JobContext& job);
+// How the file of a mesh is to be read.
+struct MeshReading {
+  OutsideFiles outside{};
+  MeshFileType type{};
+};
+
+// In: the path of a mesh file, or "-" for standard input; files that such a mesh names are searched in the working
+// directory. A format that neither the caller nor the content says is that of the path's extension. Errors: those of ReadLocalFile, ReadStandardInput and PackMesh, without the path.
+absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const MeshReading& reading, const JobContext& job);
 
 // LoadMeshFor (load/load_mesh.h) in this process, with the textures in `use`; to read the file is part of load_ms.
 absl::StatusOr<LoadedMesh> LoadMeshInput(MeshInput mesh, const TextureUse& use, const JobContext& job);

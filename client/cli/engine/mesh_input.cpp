@@ -9,31 +9,35 @@
 namespace voxelpipe::cli {
 namespace {
 
-absl::StatusOr<FileBytes> ReadAndPack(const std::string& path, const OutsideFiles& outside, WarningList& warnings,
-                                      const JobContext& job) {
+absl::StatusOr<FileBytes> ReadAndPack(const std::string& path, const OutsideFiles& outside, MeshFileType& type,
+                                      WarningList& warnings, const JobContext& job) {
   // Not ReadAndPackMeshFile, whose errors begin with the path: every message about an input does already.
   const uint64_t limit = LoadLimits().max_file_bytes;
   absl::StatusOr<FileBytes> bytes = IsStandardStream(path) ? ReadStandardInput(limit, job) : ReadLocalFile(path, limit);
   if (!bytes.ok()) return bytes.status();
   const std::filesystem::path directory =
       IsStandardStream(path) ? std::filesystem::path() : std::filesystem::path(path).parent_path();
-  return PackMesh(*std::move(bytes), directory, {}, &warnings, outside);
+  if (type.format == MeshFormat::kAuto && !SniffMeshFormat(*bytes)) {
+    type.format = MeshFormatOfName(path).value_or(type.format);
+  }
+  return PackMesh(*std::move(bytes), directory, {}, &warnings, outside, type.format);
 }
 
 }  // namespace
 
-absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const OutsideFiles& outside, const JobContext& job) {
+absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const MeshReading& reading, const JobContext& job) {
   const Stopwatch read;
   job.Report("load", 0);
   WarningList warnings;
-  absl::StatusOr<FileBytes> bytes = ReadAndPack(path, outside, warnings, job);
+  MeshFileType type = reading.type;
+  absl::StatusOr<FileBytes> bytes = ReadAndPack(path, reading.outside, type, warnings, job);
   if (!bytes.ok()) return bytes.status();
-  return MeshInput{*std::move(bytes), read.Milliseconds(), std::move(warnings)};
+  return MeshInput{*std::move(bytes), read.Milliseconds(), std::move(warnings), type};
 }
 
 absl::StatusOr<LoadedMesh> LoadMeshInput(MeshInput mesh, const TextureUse& use, const JobContext& job) {
   absl::StatusOr<LoadedMesh> loaded =
-      LoadMeshFor(job, mesh.bytes, {.textures = use}, [&mesh] { mesh.bytes = FileBytes(); });
+      LoadMeshFor(job, mesh.bytes, {.type = mesh.type, .textures = use}, [&mesh] { mesh.bytes = FileBytes(); });
   if (loaded.ok()) loaded->load_ms += mesh.read_ms;
   return loaded;
 }

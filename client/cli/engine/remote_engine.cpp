@@ -53,7 +53,7 @@ class RemoteEngine : public Engine {
       if (request.fill != Fill::kNone) run.open_edges = remote.report.open_edges;
     };
     if (repeat == 1 && whole == nullptr) {
-      absl::StatusOr<RemoteRun> remote = client_->VoxelizeTo(mesh.bytes, MeshFormat::kAuto, request, job, sink);
+      absl::StatusOr<RemoteRun> remote = client_->VoxelizeTo(mesh.bytes, mesh.type, request, job, sink);
       if (!remote.ok()) return remote.status();
       add(*remote);
       return run;
@@ -61,7 +61,7 @@ class RemoteEngine : public Engine {
     VoxelizeResult last;
     for (int i = 0; i < repeat; ++i) {
       last = VoxelizeResult();  // freed before the next one arrives: one result in memory at a time
-      absl::StatusOr<RemoteResult> remote = client_->Voxelize(mesh.bytes, MeshFormat::kAuto, request, job);
+      absl::StatusOr<RemoteResult> remote = client_->Voxelize(mesh.bytes, mesh.type, request, job);
       if (!remote.ok()) return remote.status();
       last = std::move(remote->result);
       add(*remote);
@@ -158,13 +158,13 @@ std::unique_ptr<Engine> MakeRemoteEngine(const std::string& target, int retries)
   return std::make_unique<RemoteEngine>(target, retries);
 }
 
-absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::string& path, const OutsideFiles& outside,
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& target, const std::string& path, const MeshReading& reading,
                                       const JobContext& job) {
-  absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, outside, job);
+  absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, reading, job);
   if (!mesh.ok()) return mesh.status();
   const absl::StatusOr<ConnectOptions> options = MakeConnectOptions();
   if (!options.ok()) return options.status();
-  absl::StatusOr<MeshInspection> seen = InspectMesh(target, *options, mesh->bytes, MeshFormat::kAuto, job);
+  absl::StatusOr<MeshInspection> seen = InspectMesh(target, *options, mesh->bytes, mesh->type, job);
   if (!seen.ok()) return WithNextStep(target, seen.status());
   WarningList warnings = std::move(mesh->warnings);
   warnings.Append(seen->warnings);

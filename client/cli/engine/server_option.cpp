@@ -16,7 +16,7 @@ absl::Status CheckServerOption(const std::string& server) {
   return absl::UnimplementedError("--server: this build was made without the service");
 }
 
-absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string&, const OutsideFiles&,
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string&, const MeshReading&,
                                       const JobContext&) {
   return CheckServerOption(server);
 }

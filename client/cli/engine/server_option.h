@@ -35,7 +35,7 @@ absl::Status CheckServerOption(const std::string& server);
 absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server, int retries = 2);
 
 // The server's report on the mesh file at `path`.
-absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string& path, const OutsideFiles& outside,
+absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string& path, const MeshReading& reading,
                                       const JobContext& job);
 
 // The text of `server-info`: a short table, or one JSON object.

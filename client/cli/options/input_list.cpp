@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "encode/encode.h"
+#include "load/decode/mesh_format.h"
 #include "options/standard_streams.h"
 
 namespace voxelpipe::cli {
@@ -22,8 +23,7 @@ absl::Status Wrong(const Parts&... parts) {
 }
 
 bool IsMeshName(const fs::path& path) {
-  const std::string extension = FileExtension(path.string());
-  return extension == ".glb" || extension == ".gltf" || extension == ".drc";
+  return MeshFormatOfName(path.string()).has_value();
 }
 
 bool HasWildcard(const std::string& text) {
@@ -113,7 +113,7 @@ absl::StatusOr<std::vector<InputFile>> FromDirectory(const std::string& director
   if (absl::Status s = finder.AddDirectory("", recursive); !s.ok()) return s;
   std::vector<InputFile> files = finder.Take();
   if (!files.empty()) return files;
-  return Wrong(directory, ": no .glb, .gltf or .drc in this directory",
+  return Wrong(directory, ": no mesh (.glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf) in this directory",
                recursive ? " or below it" : "; --recursive also looks below it");
 }
 

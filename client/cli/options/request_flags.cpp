@@ -92,12 +92,6 @@ void AddExecutionOptions(CLI::App& command, RequestOptions& request) {
 
 }  // namespace
 
-void AddAllowOutside(CLI::App& command, bool& allowed) {
-  command.add_flag("--allow-outside", allowed,
-                   Wrapped("Also read files that a glTF file names outside its directory, by .. or through a link; "
-                           "otherwise they are refused"));
-}
-
 void AddRequestFlags(CLI::App& command, RequestOptions& request) {
   AddGridOptions(command, request);
   AddShadingOptions(command, request);

@@ -13,9 +13,6 @@ inline constexpr char kExecutionGroup[] = "Execution";
 // Breaks a description so that it fits beside the option names on a terminal.
 std::string Wrapped(const std::string& text);
 
-// Adds --allow-outside to a command that reads meshes.
-void AddAllowOutside(CLI::App& command, bool& allowed);
-
 // Adds them to `command`; `request` must outlive it.
 void AddRequestFlags(CLI::App& command, RequestOptions& request);
 

@@ -31,6 +31,13 @@ bool MayNeedForeignDecoder(std::span<const uint8_t> file, MeshFormat format, con
       return chunks.ok() && TextMayNeed(chunks->json, textures);  // other files are refused
     }
     case MeshFormat::kGltf: return TextMayNeed({reinterpret_cast<const char*>(file.data()), file.size()}, textures);
+    // Images of its material libraries.
+    case MeshFormat::kObj:
+      return textures.any() && Has({reinterpret_cast<const char*>(file.data()), file.size()}, "mtllib");
+    case MeshFormat::k3mf: return true;
+    case MeshFormat::kStl:
+    case MeshFormat::kPly:
+    case MeshFormat::kOff: return false;
     case MeshFormat::kAuto: return false;  // refused
   }
   return true;

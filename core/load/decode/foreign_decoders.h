@@ -1,4 +1,5 @@
-// Files that third-party decoders read: libdraco, libmeshoptimizer, libpng, libjpeg, libwebp.
+// Files that third-party decoders read: libdraco, libmeshoptimizer, libpng, libjpeg, libwebp, zlib and
+// expat (3MF).
 #pragma once
 
 #include <cstdint>

@@ -4,12 +4,32 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string_view>
+
+#include "mesh/scene/length_unit.h"
 
 namespace voxelpipe {
 
-enum class MeshFormat { kAuto, kGlb, kGltf, kDraco };
+enum class MeshFormat { kAuto, kGlb, kGltf, kDraco, kStl, kPly, kOff, kObj, k3mf };
 
-// The format by the first bytes; empty if unknown. Never reads past the end.
-std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes);
+// "glb", "gltf", "drc", "stl", "ply", "off", "obj", "3mf": the extension of such files; "auto" for kAuto.
+std::string_view Name(MeshFormat format);
+// The format by the extension of a file's name, in any case; empty if there is none that is known.
+std::optional<MeshFormat> MeshFormatOfName(std::string_view file_name);
+
+// The format by the content; empty if unknown. `bytes` may be the beginning of a file of `file_bytes` (0: all of it).
+std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes, uint64_t file_bytes = 0);
+
+// How the bytes of a mesh file are to be read.
+struct MeshFileType {
+  MeshFileType(MeshFormat of = MeshFormat::kAuto,  // NOLINT(google-explicit-constructor): most have no unit
+               LengthUnit in = LengthUnit::kNone)
+      : format(of), unit(in) {}
+
+  MeshFormat format;  // kAuto: detected
+  // Of the positions in a format without a unit (STL, PLY, OFF, OBJ, Draco), which are scaled to metres; kNone: taken
+  // as they are.
+  LengthUnit unit;
+};
 
 }  // namespace voxelpipe

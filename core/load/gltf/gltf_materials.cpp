@@ -5,6 +5,7 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "load/base/data_uri.h"
 #include "load/gltf/document/gltf_model.h"
 #include "load/gltf/document/json_guard.h"
 

@@ -1,4 +1,4 @@
-// The loaded scene: the contents of a glTF file or a Draco stream, validated, before it is flattened to triangles.
+// The loaded scene: the contents of a mesh file, validated, before it is flattened to triangles.
 #pragma once
 
 #include <array>
@@ -88,7 +88,8 @@ struct Scene {
   std::vector<std::shared_ptr<Image>> images;
   std::vector<uint32_t> roots;  // root nodes of the scene to be flattened, in file order
   WarningList warnings;  // of the loader; those of images and texture references are stored with these (material.h)
-  std::string format;    // "glb", "gltf" or "drc"
+  std::string format;    // "glb", "gltf", "drc", "stl", "ply", "off", "obj" or "3mf"
+  std::string unit;      // of the file: "m" for glTF, "mm", ... ; that which the caller gave; empty: neither has one
   std::shared_ptr<MemoryCharge> memory{};  // charge for all but the images to the request's budget; null: not charged
 };
 

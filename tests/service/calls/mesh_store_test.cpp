@@ -240,6 +240,38 @@ TEST_F(MeshStoreTest, AnUploadOfAKnownMeshIsAnsweredBeforeItsBytes) {
   EXPECT_EQ(response.mesh().mesh_id(), id);
 }
 
+// The same file in another unit is another mesh.
+TEST_F(MeshStoreTest, AUnitIsPartOfTheId) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  constexpr std::string_view kText =
+      "v 0 0 0\nv 1000 0 0\nv 0 1000 0\nv 0 0 1000\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n";
+  const std::vector<uint8_t> file(kText.begin(), kText.end());
+  const absl::StatusOr<StoredMesh> plain = client_->UploadMesh(file, {}, JobContext());
+  ASSERT_TRUE(plain.ok()) << plain.status();
+  EXPECT_EQ(plain->mesh_id, Sha256Hex(file));
+  EXPECT_EQ(plain->report.max.x, 1000);
+  const absl::StatusOr<StoredMesh> scaled =
+      client_->UploadMesh(file, {MeshFormat::kObj, LengthUnit::kMillimetre}, JobContext());
+  ASSERT_TRUE(scaled.ok()) << scaled.status();
+  EXPECT_NE(scaled->mesh_id, plain->mesh_id);
+  EXPECT_FALSE(scaled->already_stored);
+  EXPECT_EQ(scaled->unit, LengthUnit::kMillimetre);
+  EXPECT_EQ(scaled->report.max.x, 1);
+  const absl::StatusOr<StoredMesh> again = client_->GetMesh(scaled->mesh_id);
+  ASSERT_TRUE(again.ok()) << again.status();
+  EXPECT_EQ(again->report.max.x, 1);
+  VoxelizeRequest request = SmallRequest();
+  const absl::StatusOr<RemoteResult> stored = client_->VoxelizeStored(scaled->mesh_id, request, JobContext());
+  const absl::StatusOr<RemoteResult> sent =
+      client_->Voxelize(file, {MeshFormat::kObj, LengthUnit::kMillimetre}, request, JobContext());
+  ASSERT_TRUE(stored.ok()) << stored.status();
+  ASSERT_TRUE(sent.ok()) << sent.status();
+  EXPECT_EQ(stored->content_sha256, sent->content_sha256);
+  EXPECT_EQ(stored->result.grid.voxel_size.x, sent->result.grid.voxel_size.x);
+  EXPECT_LT(sent->result.grid.voxel_size.x, 1);
+  EXPECT_TRUE(absl::IsInvalidArgument(client_->UploadMesh(glb_, {{}, LengthUnit::kMetre}, JobContext()).status()));
+}
+
 TEST_F(MeshStoreTest, UploadsThatAreNotOneAreRefused) {
   ASSERT_NO_FATAL_FAILURE(Start());
   EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({})));

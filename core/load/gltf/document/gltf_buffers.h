@@ -55,17 +55,6 @@ class Budget {
 // that other jobs use now.
 bool IsOfFile(const absl::Status& error);
 
-// True if a URI is a data: URI; the case of the scheme does not matter.
-bool IsDataUri(std::string_view uri);
-
-// In: a data: URI. Out: its media type and bytes. Errors: INVALID_ARGUMENT saying what is not valid (base64, percent
-// escapes, a missing comma, an unknown encoding), without naming the owner of the URI; the job's.
-struct DataUri {
-  std::string media_type;
-  std::vector<uint8_t> bytes;
-};
-absl::StatusOr<DataUri> DecodeDataUri(const JobContext& job, std::string_view uri);
-
 // Resolved once per document. The returned views live as long as this and the GLB chunk.
 class Buffers {
  public:

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "load/gltf/document/gltf_buffers.h"
+#include "load/base/data_uri.h"
 #include "load/gltf/document/gltf_extensions.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
@@ -43,9 +43,9 @@ TriangleMesh Flat(const ByteVector& file) {
   return *std::move(mesh);
 }
 
-absl::StatusOr<gltf::DataUri> Decode(const std::string& uri) {
+absl::StatusOr<DataUri> Decode(const std::string& uri) {
   const JobContext endless;
-  return gltf::DecodeDataUri(endless, uri);
+  return DecodeDataUri(endless, uri);
 }
 
 ByteVector Text(const std::string& text) {
@@ -55,15 +55,15 @@ ByteVector Text(const std::string& text) {
 TEST(GltfConformance, DataUrisAreTheSameInAnyCase) {
   for (const char* head : {"data:application/octet-stream;base64,", "DATA:;BASE64,", "Data:; base64 ,",
                            "data:Application/Octet-Stream;charset=x;Base64,"}) {
-    const absl::StatusOr<gltf::DataUri> data = Decode(std::string(head) + "AQID");
+    const absl::StatusOr<DataUri> data = Decode(std::string(head) + "AQID");
     ASSERT_TRUE(data.ok()) << head << data.status();
     EXPECT_THAT(data->bytes, ElementsAre(1, 2, 3)) << head;
-    EXPECT_TRUE(gltf::IsDataUri(head));
+    EXPECT_TRUE(IsDataUri(head));
   }
   EXPECT_EQ(Decode("data:IMAGE/Png;base64,AQID")->media_type, "image/png");
   EXPECT_THAT(Decode("data:text/plain;charset=utf-8,a%62")->bytes, ElementsAre('a', 'b'));
-  EXPECT_FALSE(gltf::IsDataUri("datax:,"));
-  EXPECT_FALSE(gltf::IsDataUri("dat"));
+  EXPECT_FALSE(IsDataUri("datax:,"));
+  EXPECT_FALSE(IsDataUri("dat"));
   for (const char* unknown : {"data:;base32,AQID", "data:application/gzip;gzip,AQID"}) {
     const absl::Status status = Decode(unknown).status();
     EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
@@ -75,12 +75,12 @@ TEST(GltfConformance, LongDataUrisAreDecodedInSteps) {
   ByteVector bytes(1'000'001);
   for (size_t i = 0; i < bytes.size(); ++i) bytes[i] = uint8_t(i * 7 + i / 251);
   const std::string text = testing::Base64(bytes);
-  const absl::StatusOr<gltf::DataUri> data = Decode("data:;base64," + text);
+  const absl::StatusOr<DataUri> data = Decode("data:;base64," + text);
   ASSERT_TRUE(data.ok()) << data.status();
   EXPECT_EQ(data->bytes, bytes);
   JobContext over;
   over.Cancel();
-  EXPECT_EQ(gltf::DecodeDataUri(over, "data:;base64," + text).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(DecodeDataUri(over, "data:;base64," + text).status().code(), absl::StatusCode::kCancelled);
 }
 
 TEST(GltfConformance, AByteOrderMarkLoadsWithAWarning) {

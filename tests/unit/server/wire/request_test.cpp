@@ -10,7 +10,7 @@ namespace voxelpipe {
 namespace {
 
 // Over the wire and back, bytes included.
-absl::StatusOr<ParsedConfig> RoundTrip(const VoxelizeRequest& request, MeshFormat format = MeshFormat::kAuto) {
+absl::StatusOr<ParsedConfig> RoundTrip(const VoxelizeRequest& request, MeshFileType format = {}) {
   v1::VoxelizeConfig received;
   EXPECT_TRUE(received.ParseFromString(MakeConfig(request, format).SerializeAsString()));
   return ParseConfig(received);
@@ -48,7 +48,7 @@ TEST(RequestTest, AnEmptyConfigIsTheDefaultRequest) {
   const auto parsed = ParseConfig(v1::VoxelizeConfig());
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   ExpectEqual(parsed->request, VoxelizeRequest());
-  EXPECT_EQ(parsed->mesh_format, MeshFormat::kAuto);
+  EXPECT_EQ(parsed->mesh_type.format, MeshFormat::kAuto);
   EXPECT_TRUE(ValidateRequest(parsed->request).ok());
 }
 
@@ -77,12 +77,18 @@ TEST(RequestTest, EverythingOfARequestSurvives) {
   const auto parsed = RoundTrip(request, MeshFormat::kDraco);
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   ExpectEqual(parsed->request, request);
-  EXPECT_EQ(parsed->mesh_format, MeshFormat::kDraco);
+  EXPECT_EQ(parsed->mesh_type.format, MeshFormat::kDraco);
 }
 
 TEST(RequestTest, EveryEnumeratorSurvives) {
-  for (const MeshFormat format : {MeshFormat::kAuto, MeshFormat::kGlb, MeshFormat::kGltf, MeshFormat::kDraco}) {
-    EXPECT_EQ(RoundTrip(VoxelizeRequest(), format)->mesh_format, format);
+  for (const MeshFormat format :
+       {MeshFormat::kAuto, MeshFormat::kGlb, MeshFormat::kGltf, MeshFormat::kDraco, MeshFormat::kStl, MeshFormat::kPly,
+        MeshFormat::kOff, MeshFormat::kObj, MeshFormat::k3mf}) {
+    EXPECT_EQ(RoundTrip(VoxelizeRequest(), format)->mesh_type.format, format);
+  }
+  for (const LengthUnit unit :
+       {LengthUnit::kNone, LengthUnit::kMillimetre, LengthUnit::kCentimetre, LengthUnit::kMetre, LengthUnit::kInch}) {
+    EXPECT_EQ(RoundTrip(VoxelizeRequest(), {MeshFormat::kStl, unit})->mesh_type.unit, unit);
   }
   VoxelizeRequest request;
   for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin, Coverage::kCenter, Coverage::kNone}) {
@@ -221,6 +227,11 @@ void ExpectRefused(const std::string& field, Change change) {
 
 TEST(RequestTest, ValuesOfNewerClientsAreRefusedByField) {
   ExpectRefused("mesh_format", [](auto& c) { c.set_mesh_format(v1::MeshFormat(99)); });
+  ExpectRefused("mesh_unit", [](auto& c) { c.set_mesh_unit(v1::LengthUnit(99)); });
+  ExpectRefused("mesh_unit", [](auto& c) {
+    c.set_mesh_unit(v1::LENGTH_UNIT_METRE);
+    c.set_mesh_id(std::string(64, 'a'));
+  });
   ExpectRefused("grid.fit", [](auto& c) { c.mutable_grid()->set_fit(v1::GridFit(3)); });
   ExpectRefused("coverage", [](auto& c) { c.set_coverage(v1::Coverage(5)); });
   ExpectRefused("fill", [](auto& c) { c.set_fill(v1::Fill(5)); });

@@ -1,0 +1,76 @@
+#include "load/base/flat_scene.h"
+
+#include <array>
+#include <utility>
+
+#include "shaders/texture/srgb.h"
+
+namespace voxelpipe {
+namespace {
+
+// True if it was not finite.
+bool Clean(float& value) {
+  if (IsFinite(value)) return false;
+  value = 0;
+  return true;
+}
+
+}  // namespace
+
+float LinearOfSrgb(float value) {
+  if (!(value > 0)) return 0;
+  if (value >= 1) return 1;
+  const double code = double(value) * 255;
+  const auto below = static_cast<unsigned char>(code);
+  const double low = SrgbToLinear(below), high = SrgbToLinear(static_cast<unsigned char>(below + 1));
+  double part = code - below;
+  constexpr double kOnACode = 1e-4;  // code / 255 is rounded to float
+  if (part < kOnACode) part = 0;
+  if (part > 1 - kOnACode) part = 1;
+  return static_cast<float>(low + part * (high - low));
+}
+
+Vec4f LinearColor(const Vec4f& srgb) {
+  const float alpha = srgb.w > 0 ? (srgb.w < 1 ? srgb.w : 1.0f) : 0.0f;
+  return {LinearOfSrgb(srgb.x), LinearOfSrgb(srgb.y), LinearOfSrgb(srgb.z), alpha};
+}
+
+bool CleanNormals(std::vector<Vec3f>& normals) {
+  bool any = false;
+  for (Vec3f& n : normals) {
+    for (int axis = 0; axis < 3; ++axis) any = Clean(n[axis]) || any;
+  }
+  return any;
+}
+
+bool CleanUv(std::vector<Vec2f>& uv) {
+  bool any = false;
+  for (Vec2f& t : uv) {
+    any = Clean(t.x) || any;
+    any = Clean(t.y) || any;
+  }
+  return any;
+}
+
+absl::Status AddFan(const std::vector<uint32_t>& corners, LoadBudget& budget,
+                    std::vector<std::array<uint32_t, 3>>& triangles) {
+  if (corners.size() < 3) return absl::OkStatus();
+  const uint64_t more = corners.size() - 2;
+  if (absl::Status full = budget.CheckTriangles(triangles.size() + more); !full.ok()) return full;
+  if (absl::Status full = budget.MakeRoom(triangles, more, "triangles"); !full.ok()) return full;
+  for (size_t i = 2; i < corners.size(); ++i) triangles.push_back({corners[0], corners[i - 1], corners[i]});
+  return absl::OkStatus();
+}
+
+Scene OneMeshScene(std::vector<Primitive> primitives, WarningList warnings, LoadBudget& budget) {
+  Scene scene;
+  scene.nodes.emplace_back();
+  scene.nodes[0].mesh = 0;
+  scene.roots = {0};
+  scene.meshes.push_back(Mesh{"", std::move(primitives)});
+  scene.warnings = std::move(warnings);
+  scene.memory = budget.Release();
+  return scene;
+}
+
+}  // namespace voxelpipe

@@ -1,0 +1,115 @@
+// The values of a PLY file's data, one after the other, as text or binary.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "absl/strings/str_cat.h"
+#include "load/base/text_reader.h"
+#include "load/ply/ply_header.h"
+
+namespace voxelpipe::ply {
+
+// Words of text.
+class TextValues {
+ public:
+  TextValues(std::string_view text, uint64_t first_line) : words_(text, first_line) {}
+
+  // False if there is no value, or none of that type: Fault says which.
+  bool Float(Type, float& value) { return ReadFloat(Next(), value); }
+  bool Integer(Type, int64_t& value) {
+    if (ReadInteger(Next(), value)) return true;
+    float number = 0;  // "3.0"
+    if (!ReadFloat(word_, number) || number != std::trunc(number) || std::abs(number) > float(1 << 24)) return false;
+    value = int64_t(number);
+    return true;
+  }
+  bool Skip(Type, uint64_t count) {
+    for (uint64_t i = 0; i < count; ++i) {
+      if (Next().empty()) return false;
+    }
+    return true;
+  }
+
+  std::string Fault() const {
+    if (word_.empty()) return "the file ends";
+    return absl::StrCat("line ", words_.line(), ": ", Quote(word_), " is no number of its type");
+  }
+  // The largest number of values that the rest may have.
+  uint64_t left() const { return words_.left() / 2 + 1; }
+  static constexpr uint64_t CostOf(Type) { return 1; }
+
+ private:
+  std::string_view Next() { return word_ = words_.Next(); }
+
+  WordStream words_;
+  std::string_view word_;
+};
+
+// Numbers in binary.
+template <bool kBigEndian>
+class BinaryValues {
+ public:
+  explicit BinaryValues(std::span<const uint8_t> bytes) : bytes_(bytes) {}
+
+  bool Float(Type type, float& value) {
+    if (IsFloat(type)) {
+      if (left() < SizeOf(type)) return false;
+      if (type == Type::kFloat) {
+        value = Take<float>();
+      } else {
+        value = float(Take<double>());
+      }
+      return true;
+    }
+    int64_t integer = 0;
+    if (!Integer(type, integer)) return false;
+    value = float(integer);
+    return true;
+  }
+  bool Integer(Type type, int64_t& value) {
+    if (left() < SizeOf(type)) return false;
+    switch (type) {
+      case Type::kInt8: value = Take<int8_t>(); return true;
+      case Type::kUint8: value = Take<uint8_t>(); return true;
+      case Type::kInt16: value = Take<int16_t>(); return true;
+      case Type::kUint16: value = Take<uint16_t>(); return true;
+      case Type::kInt32: value = Take<int32_t>(); return true;
+      case Type::kUint32: value = Take<uint32_t>(); return true;
+      case Type::kFloat:
+      case Type::kDouble: break;
+    }
+    return false;
+  }
+  bool Skip(Type type, uint64_t count) {
+    if (count > left() / SizeOf(type)) return false;
+    at_ += count * SizeOf(type);
+    return true;
+  }
+
+  std::string Fault() const { return "the file ends"; }
+  uint64_t left() const { return bytes_.size() - at_; }
+  static constexpr uint64_t CostOf(Type type) { return SizeOf(type); }
+
+ private:
+  template <typename T>
+  T Take() {
+    uint8_t raw[sizeof(T)];
+    std::memcpy(raw, bytes_.data() + at_, sizeof raw);
+    if constexpr (kBigEndian) std::reverse(raw, raw + sizeof raw);
+    T value;
+    std::memcpy(&value, raw, sizeof value);
+    at_ += sizeof raw;
+    return value;
+  }
+
+  std::span<const uint8_t> bytes_;
+  uint64_t at_ = 0;
+};
+
+}  // namespace voxelpipe::ply
