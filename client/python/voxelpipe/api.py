@@ -81,8 +81,9 @@ def voxelize(
         r.mask, r.color, r.normal    # (nz, ny, nx) bool, (nz, ny, nx, 4) uint8, (nz, ny, nx, 3) float32
         r.world(r.occupied())        # where the occupied voxels' centres lie
 
-    mesh: a path (.glb, .gltf with its files, .drc), the bytes of such a file, a binary file object, (vertices, faces),
-        voxelpipe.Mesh, or an object of trimesh, Open3D, meshio or VTK, or with `vertices` and `faces`.
+    mesh: a path (.glb, .gltf with its files, .drc, .stl, .ply, .off, .obj with its materials, .3mf), the bytes of such
+        a file, a binary file object, (vertices, faces), voxelpipe.Mesh, what load_mesh returns, or an object of
+        trimesh, Open3D, meshio or VTK, or with `vertices` and `faces`.
 
     The grid, one of four: resolution, voxels along the longest extent (default 128); voxel_size, world units, one
         number or x, y, z; voxel_size, dims (x, y, z) and origin (the corner of voxel (0, 0, 0)); like, another result's

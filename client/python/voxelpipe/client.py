@@ -41,14 +41,14 @@ class MeshHandle:
     file: MeshFile | None = dataclasses.field(repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        file = None if self.file is None else (bytes(self.file.data), self.file.format, self.file.name)
+        file = None if self.file is None else (bytes(self.file.data), self.file.format, self.file.name, self.file.unit)
         return _restored_handle, (self.mesh_id, self.stored, self.already_stored, file)
 
 
 def _restored_handle(
-    mesh_id: str, stored: StoredMesh, already: bool, file: tuple[bytes, int, str] | None
+    mesh_id: str, stored: StoredMesh, already: bool, file: tuple[bytes, int, str, str] | None
 ) -> MeshHandle:
-    return MeshHandle(mesh_id, stored, already, file and MeshFile(memoryview(file[0]), file[1], file[2]))
+    return MeshHandle(mesh_id, stored, already, file and MeshFile(memoryview(file[0]), *file[1:]))
 
 
 class Client:
@@ -351,7 +351,7 @@ class Client:
 
     def _upload(self, file: MeshFile | None, timeout: float | None, reporter: Reporter) -> service.UploadMeshResponse:
         assert file is not None
-        mesh_id = file.sha256()
+        mesh_id = file.mesh_id()
         upload = _Upload(upload_messages(file, mesh_id, reporter))
         try:
             answer, _ = self._connection.upload("UploadMesh", upload, timeout)

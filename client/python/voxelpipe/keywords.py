@@ -15,6 +15,7 @@ _COMMAND_LINE = {
     "deadline_ms": "use timeout=, in seconds",
     "format": "a target's format is part of its text ('normal:f32'); that of a file follows from save('a.npz')",
     "grid_like": "use like=",
+    "input_format": "use load_mesh(path, format='stl')",
     "json": "read the result's summary",
     "output": "use save('a.npz') of the result",
     "preview": "use save('a.png') of the result",
@@ -29,6 +30,7 @@ _COMMAND_LINE = {
     "tls_cert": "use Client(address, tls=Tls(...))",
     "tls_key": "use Client(address, tls=Tls(...))",
     "tls_server_name": "use Client(address, tls=Tls(...))",
+    "unit": "use load_mesh(path, unit='mm')",
     "view": "only the command line has it",
 }
 # Options of single functions of this package.

@@ -14,7 +14,8 @@ Compression = Literal["none", "zstd"]
 Format = Literal["bit", "u8", "u16", "u32", "f16", "f32"]
 Blend = Literal["or", "and", "replace", "first", "min", "max", "add", "average", "count"]
 Encoding = Literal["linear", "srgb"]
-MeshFormat = Literal["auto", "glb", "gltf", "draco"]
+MeshFormat = Literal["auto", "glb", "gltf", "draco", "stl", "ply", "off", "obj", "3mf"]
+LengthUnit = Literal["mm", "cm", "m", "in"]
 
 # One number for all axes, or x, y, z.
 PerAxis = Union[float, Sequence[float]]

@@ -147,6 +147,7 @@ class Job:
         config.CopyFrom(self.request.config)
         if self.file is not None:
             config.mesh_format = self.file.format  # type: ignore[assignment]
+            config.mesh_unit = self.file.unit_code  # type: ignore[assignment]
         config.mesh_id = self.mesh_id
         config.new_positions = bool(self.mesh_id) and self.file is not None
         return config
@@ -184,7 +185,9 @@ class Job:
 
 def upload_messages(file: MeshFile, mesh_id: str, report: "Reporter") -> Iterator[bytes]:
     """The UploadMeshRequests of a mesh."""
-    upload = service.MeshUpload(mesh_format=file.format, mesh_id=mesh_id)  # type: ignore[arg-type]
+    upload = service.MeshUpload(
+        mesh_format=file.format, mesh_id=mesh_id, mesh_unit=file.unit_code  # type: ignore[arg-type]
+    )
     yield service.UploadMeshRequest(upload=upload).SerializeToString()
     field = service.UploadMeshRequest
     for at in range(0, len(file.data), _wire.UPLOAD_PIECE_BYTES):
@@ -200,6 +203,7 @@ def estimate_request(request: Request, file: MeshFile | None, mesh_id: str) -> b
         message.mesh_id = mesh_id
     else:
         message.config.mesh_format = file.format  # type: ignore[assignment]
+        message.config.mesh_unit = file.unit_code  # type: ignore[assignment]
         message.mesh_bytes = bytes(file.data)
     return bytes(message.SerializeToString())
 

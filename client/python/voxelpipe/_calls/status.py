@@ -9,7 +9,8 @@ from .._proto.google.rpc import status_pb2
 
 _DETAILS = "grpc-status-details-bin"
 _PUSHBACK = "grpc-retry-pushback-ms"
-_MESH_PLACES = ("glTF", "GLB", "Draco", "mesh", "buffer", "accessor", "image", "node")
+_MESH_FORMATS = ("glTF", "GLB", "Draco", "STL", "PLY", "OFF", "OBJ", "3MF")
+_MESH_PLACES = (*_MESH_FORMATS, "mesh", "buffer", "accessor", "image", "node")
 _BY_CODE: dict[str, type[errors.VoxelpipeError]] = {
     "FAILED_PRECONDITION": errors.NotAvailable,
     "DEADLINE_EXCEEDED": errors.DeadlineExceeded,
@@ -76,7 +77,7 @@ def _made(
     if code == "INVALID_ARGUMENT":
         violations = found["BadRequest"].field_violations if "BadRequest" in found else []
         field = violations[0].field if violations else ""
-        of_mesh = field.startswith(_MESH_PLACES) and not field.startswith(("mesh_id", "mesh_format"))
+        of_mesh = field.startswith(_MESH_PLACES) and not field.startswith(("mesh_id", "mesh_format", "mesh_unit"))
         return (errors.InvalidMesh if of_mesh else errors.InvalidRequest)(message, field=field, **common)
     if code == "RESOURCE_EXHAUSTED":
         if delay is None:

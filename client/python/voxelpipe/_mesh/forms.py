@@ -6,44 +6,83 @@ import hashlib
 import mmap
 import os
 import pathlib
-from typing import IO, Any, Sequence, Union
+from typing import IO, Any, Sequence, Union, get_args
 
 import numpy
 
 from .._proto.voxelpipe.v1 import types_pb2 as types
 from ..errors import InvalidMesh
-from ..names import MeshFormat
-from . import gltf_files
+from ..names import LengthUnit, MeshFormat
+from . import gltf_files, obj_files
 from .glb import Mesh, as_numpy, write_glb
 
 # A path, the bytes of a file, a binary file object, Mesh, (vertices, faces), or an object of another library.
 MeshLike = Union[str, "os.PathLike[str]", bytes, bytearray, memoryview, IO[bytes], Mesh, Sequence[Any], Any]
 
+_UNITS = {
+    "": types.LENGTH_UNIT_UNSPECIFIED,
+    "mm": types.LENGTH_UNIT_MILLIMETRE,
+    "cm": types.LENGTH_UNIT_CENTIMETRE,
+    "m": types.LENGTH_UNIT_METRE,
+    "in": types.LENGTH_UNIT_INCH,
+}
 _MAPPED_BYTES = 4 << 20  # larger files are not copied into memory
 
 
 @dataclasses.dataclass(frozen=True)
 class MeshFile:
-    """The bytes of a self-contained mesh file. name: for messages, empty if it has none."""
+    """The bytes of a self-contained mesh file.
+
+    name: for messages, empty if it has none. unit: of its positions, empty if none is given.
+    """
 
     data: memoryview
     format: int = types.MESH_FORMAT_UNSPECIFIED
     name: str = ""
+    unit: str = ""
 
     def sha256(self) -> str:
-        """Its id on a server that keeps it."""
+        """That of the bytes, in hexadecimal."""
         return hashlib.sha256(self.data).hexdigest()
 
+    def mesh_id(self) -> str:
+        """Its id on a server that keeps it."""
+        digits = self.sha256()
+        return hashlib.sha256(f"{digits}:{self.unit}".encode()).hexdigest() if self.unit else digits
 
-def load_mesh(mesh: MeshLike, *, format: MeshFormat = "auto", allow_outside: bool = False) -> MeshFile:
+    @property
+    def unit_code(self) -> int:
+        """The LengthUnit of the message."""
+        return _UNITS[self.unit]
+
+
+def load_mesh(
+    mesh: MeshLike,
+    *,
+    format: MeshFormat = "auto",
+    unit: LengthUnit | None = None,
+    allow_outside: bool = False,
+) -> MeshFile:
     """The file of a mesh in any form; give it in place of the mesh, as often as you like.
 
-    mesh: see voxelize(). format: of bytes and files; detected by default. allow_outside: a glTF file may name files
-    outside of its folder. Errors: InvalidMesh, OSError for a file that cannot be read, TypeError.
+    mesh: see voxelize(). format: of bytes and files; detected by default. unit: of the positions of a file whose format
+    has none (stl, ply, off, obj, draco), which are scaled to metres; None: they are taken as they are. allow_outside: a
+    glTF or OBJ file may name files outside of its folder. Errors: InvalidMesh, OSError for a file that cannot be read,
+    TypeError, ValueError.
     """
+    file = _load(mesh, _format_code(format), allow_outside)
+    if unit is None:
+        return file
+    if unit not in _UNITS or not unit:
+        raise ValueError(f"unit: '{unit}' is none of mm, cm, m, in")
+    if file.unit and file.unit != unit:
+        raise ValueError(f"unit: the mesh was loaded with the unit {file.unit}")
+    return dataclasses.replace(file, unit=unit)
+
+
+def _load(mesh: MeshLike, code: int, allow_outside: bool) -> MeshFile:
     if isinstance(mesh, MeshFile):
         return mesh
-    code = _format_code(format)
     if isinstance(mesh, (str, os.PathLike)):
         return _of_path(pathlib.Path(mesh), code, allow_outside)
     if isinstance(mesh, (bytes, bytearray, memoryview)):
@@ -60,10 +99,10 @@ def load_mesh(mesh: MeshLike, *, format: MeshFormat = "auto", allow_outside: boo
 
 
 def _format_code(format: MeshFormat) -> int:
-    codes = {"auto": "UNSPECIFIED", "glb": "GLB", "gltf": "GLTF", "draco": "DRACO"}
-    if format not in codes:
-        raise ValueError(f"format: '{format}' is none of {', '.join(codes)}")
-    return int(types.MeshFormat.Value(f"MESH_FORMAT_{codes[format]}"))
+    if format not in get_args(MeshFormat):
+        raise ValueError(f"format: '{format}' is none of {', '.join(get_args(MeshFormat))}")
+    name = "UNSPECIFIED" if format == "auto" else format.upper()
+    return int(types.MeshFormat.Value(f"MESH_FORMAT_{name}"))
 
 
 def _of_path(path: pathlib.Path, code: int, allow_outside: bool) -> MeshFile:
@@ -75,6 +114,11 @@ def _of_path(path: pathlib.Path, code: int, allow_outside: bool) -> MeshFile:
     if gltf_files.needs_packing(data):
         try:
             return MeshFile(memoryview(gltf_files.pack(data, path, allow_outside)), 0, str(path))
+        except InvalidMesh as error:
+            raise InvalidMesh(f"{path}: {error.message}", field=error.field) from error
+    if code in (types.MESH_FORMAT_UNSPECIFIED, types.MESH_FORMAT_OBJ) and obj_files.needs_packing(data):
+        try:
+            return MeshFile(memoryview(obj_files.pack(data, path, allow_outside)), types.MESH_FORMAT_OBJ, str(path))
         except InvalidMesh as error:
             raise InvalidMesh(f"{path}: {error.message}", field=error.field) from error
     return MeshFile(data, code, str(path))
