@@ -29,6 +29,7 @@ struct OutputFormat {
   TargetPlaces targets = TargetPlaces::kTogether;
   bool standard_output = true;  // can be written front to back
   bool directory = false;       // the output is a directory
+  bool whole = false;           // the writer collects the result in memory before it writes
   // In: a path, empty for standard output, and a job, which may be null and must outlive the writer. Out: a writer
   // whose Begin creates the file. Null for pictures, which are drawn from whole results (png_preview.h).
   std::unique_ptr<ResultFile> (*open)(const std::string& path, const JobContext* job) = nullptr;

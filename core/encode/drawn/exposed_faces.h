@@ -21,6 +21,9 @@ inline constexpr std::array<std::array<std::array<int, 3>, 4>, kSides> kSideCorn
     {{{0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}}},
 }};
 
+// Number of exposed faces.
+uint64_t CountFaces(const PreviewVolume& volume);
+
 // Calls visit(i, j, n, side) for the exposed faces of layer k, voxel after voxel in linear order.
 template <typename Visit>
 void VisitFaces(const PreviewVolume& volume, int64_t k, const Visit& visit) {

@@ -150,6 +150,10 @@ std::span<const uint8_t> AsBytes(const std::vector<T>& values) {
 }
 
 absl::Status EncodeGlb(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
+  // A face has six indices and at most four vertices, each with an entry of the table of a layer.
+  constexpr uint64_t kFaceBytes = 6 * sizeof(uint32_t) + 4 * (3 * sizeof(float) + sizeof(Colour));
+  const uint64_t most = std::min(CountFaces(drawn.volume) * kFaceBytes, 2 * kMaxFileBytes);
+  if (absl::Status s = drawn.memory.Grow(most, "a surface:"); !s.ok()) return s;
   Surface surface(drawn);
   if (absl::Status s = surface.Build(job); !s.ok()) return s;
   std::string json = SceneOf(drawn.result.grid, surface).dump();

@@ -6,8 +6,6 @@
 //   for each target of the description its values by voxel and component, u8, u16, u32 or f32
 // Each array is padded to a multiple of 4 bytes; numbers are little endian. viewer/payload.js reads it. Where the surface
 // has more faces than browsers draw fluently, voxels are joined two by two by two: solid if one of them is.
-#include <tbb/parallel_for.h>
-
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
@@ -27,17 +25,8 @@ namespace {
 using nlohmann::ordered_json;
 
 constexpr uint64_t kMaxFaces = 2'000'000;
+constexpr uint64_t kFaceBytes = 128;
 constexpr int64_t kMaxSide = 65'535;  // cells are counted in 16 bits
-
-uint64_t CountFaces(const PreviewVolume& volume) {
-  std::vector<uint64_t> layers(size_t(volume.dims()[2]));
-  tbb::parallel_for(int64_t{0}, volume.dims()[2], [&](int64_t k) {
-    VisitFaces(volume, k, [&](int64_t, int64_t, uint64_t, int) { ++layers[size_t(k)]; });
-  });
-  uint64_t faces = 0;
-  for (const uint64_t count : layers) faces += count;
-  return faces;
-}
 
 // Two by two by two voxels as one, solid if one is.
 absl::StatusOr<VoxelizeResult> Halved(const PreviewVolume& fine, const JobContext* job) {
@@ -176,6 +165,8 @@ absl::Status EncodeHtml(const DrawnResult& drawn, AtomicFile& file, const JobCon
     shown = &half_volume.emplace(*std::move(volume));
     step *= 2;
   }
+  // A cell with its values, packed and as text: at most as many as there are faces.
+  if (absl::Status s = drawn.memory.Grow(CountFaces(*shown), kFaceBytes, "a page of voxels:"); !s.ok()) return s;
   const std::vector<Cell> cells = CellsOf(*shown, drawn.volume, step);
   const VoxelizeResult& result = drawn.result;
   std::string json = Describe(result, *shown, step, CountSolid(drawn.volume), whole_faces, cells.size()).dump();

@@ -65,7 +65,19 @@ absl::Status AddTarget(const DrawnResult& drawn, const JobContext* job, const Pr
   return s;
 }
 
+uint64_t NumbersOf(const VoxelizeResult& result) {
+  uint64_t numbers = 0;
+  for (const TargetSpec& spec : result.specs) {
+    if (spec.format != VoxelFormat::kBit) numbers += uint64_t(spec.components);
+  }
+  return numbers;
+}
+
 absl::Status Encode(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
+  // The tree of a grid, and the grid made of it: leaves have 512 values, so that a lone voxel costs much.
+  constexpr uint64_t kVoxelBytes = 64;
+  const uint64_t numbers = 1 + NumbersOf(drawn.result);
+  if (absl::Status s = drawn.memory.Grow(CountSolid(drawn.volume), kVoxelBytes * numbers, "grids:"); !s.ok()) return s;
   std::vector<Handle> grids;
   const auto solid = [](uint64_t) { return 1.0f; };
   absl::Status s = AddGrid<float>(drawn, job, "density", nanovdb::GridClass::FogVolume, solid, grids);

@@ -127,6 +127,7 @@ absl::Status EncodeVox(const DrawnResult& drawn, AtomicFile& file, const JobCont
                                                    " voxels in ", blocks,
                                                    " models are too many; .ply, .npz and .nvdb hold them"));
   }
+  if (absl::Status s = drawn.memory.Grow(2 * voxel_bytes, "models:"); !s.ok()) return s;
   const absl::StatusOr<Palette> palette = PaletteOf(drawn, job);
   if (!palette.ok()) return palette.status();
   const absl::StatusOr<std::vector<Model>> models = ModelsOf(drawn, *palette, job);

@@ -18,10 +18,17 @@ namespace {
 class WholeFile final : public ResultFile {
  public:
   WholeFile(std::string_view extension, std::string path, const JobContext* job, EncodeWhole encode)
-      : extension_(extension), path_(std::move(path)), job_(job), encode_(encode) {}
+      : extension_(extension),
+        path_(std::move(path)),
+        job_(job),
+        encode_(encode),
+        memory_(job == nullptr ? nullptr : &MemoryOf(*job)) {}
 
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(extension_, header.kind, header.specs.size()); !s.ok()) return s;
+    for (const ArraySpec& array : header.arrays) {
+      if (absl::Status s = memory_.Grow(array.bytes(), "the result of a file:"); !s.ok()) return s;
+    }
     // Created first: a path that cannot be written should not cost the result.
     absl::StatusOr<AtomicFile> file = path_.empty() ? AtomicFile::StandardOutput() : AtomicFile::Create(path_, job_);
     if (!file.ok()) return file.status();
@@ -37,7 +44,7 @@ class WholeFile final : public ResultFile {
       absl::StatusOr<PreviewVolume> volume = PreviewVolume::Build(result, job_);
       if (!volume.ok()) return volume.status();
       const PreviewColours colours(result, *volume);
-      if (absl::Status s = encode_({result, *volume, colours}, *file_, job_); !s.ok()) return s;
+      if (absl::Status s = encode_({result, *volume, colours, memory_}, *file_, job_); !s.ok()) return s;
     } catch (const std::bad_alloc&) {
       return absl::ResourceExhaustedError(absl::StrCat("out of memory while writing '", path_, "'"));
     }
@@ -50,6 +57,7 @@ class WholeFile final : public ResultFile {
   const JobContext* job_;
   EncodeWhole encode_;
   std::optional<AtomicFile> file_;
+  MemoryCharge memory_;
   MemorySink whole_;
 };
 

@@ -5,6 +5,7 @@
 #include <string>
 #include <string_view>
 
+#include "base/memory_budget.h"
 #include "encode/atomic_file.h"
 #include "encode/preview/preview_colour.h"
 #include "encode/preview/preview_volume.h"
@@ -17,12 +18,14 @@ struct DrawnResult {
   const VoxelizeResult& result;
   const PreviewVolume& volume;
   const PreviewColours& colours;
+  MemoryCharge& memory;  // for what an encoder collects; has the result already
 };
 
 using EncodeWhole = absl::Status (*)(const DrawnResult& drawn, AtomicFile& file, const JobContext* job);
 
 // A writer that collects the result in memory and calls `encode` from Commit. `extension` is that of the format. Errors
-// of Commit: also RESOURCE_EXHAUSTED out of memory. Memory: the result, and what `encode` needs.
+// of Begin and Commit: also RESOURCE_EXHAUSTED out of memory. The result and what `encode` collects are charged to
+// MemoryOf(*job).
 std::unique_ptr<ResultFile> MakeWholeFile(std::string_view extension, const std::string& path, const JobContext* job,
                                           EncodeWhole encode);
 

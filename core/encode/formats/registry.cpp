@@ -87,6 +87,7 @@ const std::vector<OutputFormat>& List() {
                     .sparse = true,
                     .buckets = true,
                     .targets = TargetPlaces::kDrawn,
+                    .whole = true,
                     .open = &MakeGlbFile,
                     .not_kept = &TargetsNotDrawn});
     list.push_back({.name = "vox",
@@ -95,6 +96,7 @@ const std::vector<OutputFormat>& List() {
                     .sparse = true,
                     .buckets = true,
                     .targets = TargetPlaces::kDrawn,
+                    .whole = true,
                     .open = &MakeVoxFile,
                     .not_kept = &PlaceNotInVox});
     list.push_back({.name = "binvox",
@@ -103,6 +105,7 @@ const std::vector<OutputFormat>& List() {
                     .sparse = true,
                     .buckets = true,
                     .targets = TargetPlaces::kDrawn,
+                    .whole = true,
                     .open = &MakeBinvoxFile,
                     .not_kept = &NotInBinvox});
 #ifdef VOXELPIPE_HAVE_NANOVDB
