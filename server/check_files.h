@@ -9,7 +9,11 @@ namespace voxelpipe {
 
 TlsFiles TlsOf(const ServerOptions& options);
 
-// Checks that the files of --tls-... and --token-file can be read and are valid. Errors: one line naming the option.
+// What --web-listen needs of other options. INVALID_ARGUMENT naming the option.
+absl::Status CheckWebOptions(const ServerOptions& options);
+
+// Checks those, and that the files of --tls-... and --token-file can be read and are valid. Errors: one line naming the
+// option.
 absl::Status CheckFiles(const ServerOptions& options);
 
 }  // namespace voxelpipe

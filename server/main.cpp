@@ -68,6 +68,7 @@ int Serve(const ServerOptions& options) {
   }
   std::printf("listening on %s\n", (*server)->address().c_str());
   if (!(*server)->http_address().empty()) std::printf("http on %s\n", (*server)->http_address().c_str());
+  if (!(*server)->web_address().empty()) std::printf("web on http://%s\n", (*server)->web_address().c_str());
   std::fflush(stdout);
 
   int signal = WaitForSignal(signals);

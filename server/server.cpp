@@ -26,6 +26,7 @@
 #include "pipeline/stages/backend.h"
 #include "state/service_state.h"
 #include "voxelization_service.h"
+#include "web/web_endpoint.h"
 
 namespace voxelpipe {
 namespace {
@@ -131,6 +132,7 @@ VoxelServer::VoxelServer(const ServerOptions& asked, const MachineLimits& machin
 absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOptions& options) {
   const MachineLimits machine = RefreshMachine();
   LimitThreadsToCpus();
+  if (absl::Status s = CheckWebOptions(options); !s.ok()) return s;
   if (absl::Status s = CheckDevices(Resolve(options)); !s.ok()) return s;
   auto load_workers = StartLoadWorkers(Resolve(options));
   if (!load_workers.ok()) {
@@ -205,6 +207,9 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   if (ListensBeyondLoopback(options.listen) && options.tls_cert.empty()) {
     spdlog::warn("{} may be reached from other machines, without encryption: TLS is off", server->address_);
   }
+  if (!options.web_listen.empty()) {
+    if (absl::Status s = server->ServeWeb(); !s.ok()) return s;
+  }
   server->reloader_ = std::make_unique<Periodic>(std::chrono::milliseconds(options.reload_interval_ms),
                                                  [&access = *server->state_->access, &tls = *server->tls_] {
                                                    access.ReloadIfChanged();
@@ -220,6 +225,20 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   server->state_->pool.SetListener(
       [it = server.get()](const std::string& device, bool serving) { it->DeviceChanged(device, serving); });
   return server;
+}
+
+absl::Status VoxelServer::ServeWeb() {
+  grpc::ChannelArguments arguments;
+  arguments.SetMaxReceiveMessageSize(-1);  // of this server's own messages
+  auto web = WebEndpoint::Start(*state_, server_->InProcessChannel(arguments));
+  if (!web.ok()) return absl::Status(web.status().code(), absl::StrCat("--web-listen: ", web.status().message()));
+  web_ = *std::move(web);
+  web_address_ = web_->address();
+  if (ListensBeyondLoopback(state_->options.web_listen)) {
+    spdlog::warn("http://{} may be reached from other machines, without encryption: a proxy with TLS belongs before it",
+                 web_address_);
+  }
+  return absl::OkStatus();
 }
 
 void VoxelServer::DeviceChanged(const std::string& device, bool serving) {
@@ -252,6 +271,10 @@ void VoxelServer::Drain() {
   state_->gate.Close();
   const bool empty = state_->gate.WaitUntilEmpty(std::chrono::steady_clock::now() + grace);
   if (!empty) spdlog::warn("the calls that still run are ended now");
+  if (web_) {
+    web_->Drain(std::chrono::steady_clock::now() + (grace_end - std::chrono::system_clock::now()));
+    web_.reset();  // and its channel, whose end the shutdown waits for
+  }
   state_->pool.Hasten();  // no job runs any more, or the grace period is over
   health_->EndWatches();
   server_->Shutdown(empty ? grace_end : std::chrono::system_clock::now());
@@ -292,6 +315,7 @@ VoxelServer::~VoxelServer() {
     server_->Shutdown(std::chrono::system_clock::now());
     server_->Wait();
   }
+  web_.reset();  // its calls have ended
   if (state_) state_->scheduler.Drain();
 }
 

@@ -25,6 +25,7 @@ class IoThreads;
 class Periodic;
 class ServerTls;
 class VoxelizationServiceImpl;
+class WebEndpoint;
 class LoadWorkers;
 struct ServiceState;
 
@@ -39,6 +40,8 @@ class VoxelServer {
   const std::string& address() const { return address_; }
   // The address of /metrics, /livez and /readyz; empty if there is none.
   const std::string& http_address() const { return http_address_; }
+  // The address of the page; empty if there is none.
+  const std::string& web_address() const { return web_address_; }
 
   // Reads the tokens again, changed or not, and the machine limits. Changed certificates are read automatically.
   void Reload();
@@ -53,11 +56,13 @@ class VoxelServer {
   // Reads the machine's limits; if they have changed, adapts all sizes that the options do not set.
   void FollowMachine();
   void DeviceChanged(const std::string& device, bool serving);
+  // Starts the port for browsers.
+  absl::Status ServeWeb();
 
   const ServerOptions asked_;  // with zeros that mean "choose"
   std::mutex machine_mutex_;
   MachineLimits machine_;  // the limits of the current sizes
-  std::string address_, http_address_;
+  std::string address_, http_address_, web_address_;
   std::unique_ptr<ServiceState> state_;
   std::unique_ptr<VoxelizationServiceImpl> service_;
   std::unique_ptr<HealthService> health_;
@@ -70,6 +75,7 @@ class VoxelServer {
   std::unique_ptr<Periodic> machine_looker_;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<IoThreads> io_threads_;
+  std::unique_ptr<WebEndpoint> web_;
   std::mutex health_mutex_;
   std::set<std::string> serving_devices_;  // the server serves while there is at least one
   bool drained_ = false;

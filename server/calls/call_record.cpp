@@ -27,10 +27,18 @@ std::string CertificateOf(const ServiceState& state, const grpc::ServerContextBa
   return state.options.tls_client_names ? ClientNameOf(*context.auth_context()) : std::string();
 }
 
+std::string PeerOf(const ServiceState& state, const grpc::ServerContextBase& context) {
+  const auto found = context.client_metadata().find(ForwardedPeers::kKey);
+  if (found != context.client_metadata().end()) {
+    if (auto peer = state.peers.Read({found->second.data(), found->second.size()})) return *std::move(peer);
+  }
+  return context.peer();
+}
+
 CallRecord::CallRecord(ServiceState& state, grpc::CallbackServerContext& context, Rpc called)
     : rpc(called),
       request_id(IdOf(context)),
-      peer(context.peer()),
+      peer(PeerOf(state, context)),
       trace(TraceOf(context)),
       metrics_(state.metrics),
       admitted_(state.access->Admit(Metadata(context, "authorization"), called, CertificateOf(state, context),

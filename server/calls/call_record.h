@@ -23,6 +23,9 @@ struct ServiceState;
 // The name in the certificate of the call's client, if the operator lets certificates name clients; otherwise empty.
 std::string CertificateOf(const ServiceState& state, const grpc::ServerContextBase& context);
 
+// The address of the call's client, also of one whose call this process forwards (ForwardedPeers).
+std::string PeerOf(const ServiceState& state, const grpc::ServerContextBase& context);
+
 // Created when a call starts, on gRPC's thread. The call guards members that change.
 class CallRecord {
  public:

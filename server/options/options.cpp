@@ -107,6 +107,14 @@ void AddServing(OptionList& list, ServerOptions& o) {
            "address of /metrics, /livez and /readyz over HTTP; port 0 picks one, which the line \"http on HOST:PORT\" "
            "reports")
       ->check(CLI::Validator(CheckHttpListen, ""));
+  list.Add(
+          "--web-listen", o.web_listen, "HOST:PORT",
+          "address of the page for browsers, of gRPC-Web and of result files, over HTTP without TLS; port 0 picks one, "
+          "which the line \"web on http://HOST:PORT\" reports; none: no page")
+      ->check(CLI::Validator(CheckHttpListen, ""));
+  list.Add("--web-origin", o.web_origin, "ORIGIN,...",
+           "further origins whose pages may use that address, such as https://voxels.example.org of a proxy before it");
+  list.AddBytes("--web-file-bytes", o.web_file_bytes, 1, "temporary files of results that browsers download, together");
   list.Add("--reflection", o.reflection,
            "clients may query the descriptions of the services (grpc.reflection.v1 and v1alpha)");
 }
@@ -257,7 +265,7 @@ void AddAccess(OptionList& list, ServerOptions& o) {
            "a call without a token belongs to the client that its certificate names, for quotas, fairness and the log");
   list.AddChoice("--isolate-loading", o.isolate_loading, {"auto", "on", "off"},
                  "third-party decoders (Draco, meshopt, PNG, JPEG, WebP) run in sandboxed processes; auto: where "
-                 "--listen is beyond loopback");
+                 "--listen or --web-listen is beyond loopback");
   list.AddNumber("--reload-interval-ms", o.reload_interval_ms, 100u, kDayMs, "ms",
                  "how often the token and certificate files are checked for changes");
 }
@@ -336,7 +344,9 @@ bool ListensBeyondLoopback(const std::string& listen) {
 }
 
 ServerOptions Resolve(ServerOptions options) {
-  if (options.isolate_loading == "auto") options.isolate_loading = ListensBeyondLoopback(options.listen) ? "on" : "off";
+  const bool for_others = ListensBeyondLoopback(options.listen) ||
+                          (!options.web_listen.empty() && ListensBeyondLoopback(options.web_listen));
+  if (options.isolate_loading == "auto") options.isolate_loading = for_others ? "on" : "off";
   const int cpus = CpuCount();
   if (options.cpu_workers == 0) options.cpu_workers = options.workers > 0 ? options.workers : std::min(4, cpus);
   options.workers = options.cpu_workers;

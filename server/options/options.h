@@ -75,6 +75,8 @@ struct ServerOptions {
   std::string log_level = "info";
   std::string log_format = "text";
   std::string http_listen;
+  std::string web_listen, web_origin;
+  uint64_t web_file_bytes = 2ull << 30;
   std::string token_file;
   bool open_health = true;
   uint32_t reload_interval_ms = 5000;

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "access/access_control.h"
+#include "access/forwarded_peer.h"
 #include "isolate/load_workers.h"
 #include "jobs/job.h"
 #include "meshes/mesh_store.h"
@@ -70,6 +71,7 @@ struct ServiceState {
   const std::unique_ptr<LoadWorkers> load_workers;
   Metrics metrics;
   std::unique_ptr<AccessControl> access;  // set before the first call
+  const ForwardedPeers peers;
   ByteBudget uploads;                     // mesh files being received or waiting
   ByteBudget working;                     // predicted peaks of running jobs, results being sent
   MeshStore meshes;                       // uploaded and stored

@@ -3,6 +3,9 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
@@ -14,6 +17,11 @@
 #include "mesh/flatten_job.h"
 #include "options/axes.h"
 #include "options/parse.h"
+#ifdef VOXELPIPE_FUZZ_WEB
+#include "web/http/frames.h"
+#include "web/http/origin_rules.h"
+#include "web/http/request_body.h"
+#endif
 
 namespace voxelpipe::fuzz {
 namespace {
@@ -142,6 +150,46 @@ void RunOptions(Bytes bytes) {
   static_cast<void>(cli::ParseShard(text));
 }
 
+#ifdef VOXELPIPE_FUZZ_WEB
+void Demand(bool good, const char* what) {
+  if (good) return;
+  std::fprintf(stderr, "web: %s\n", what);
+  std::abort();
+}
+
+// What a browser sends, a line each: Host, Origin, an option with origins, grpc-timeout. The rest is a body, in pieces of
+// as many bytes as the first one says.
+void RunWeb(Bytes bytes) {
+  std::string_view rest(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  const auto line = [&rest] {
+    const size_t end = std::min(rest.find('\n'), rest.size());
+    const std::string_view one = rest.substr(0, end);
+    rest.remove_prefix(std::min(end + 1, rest.size()));
+    return one;
+  };
+  const std::string_view host = line(), origin = line(), origins = line(), timeout = line();
+  auto allowed = ParseOrigins(origins);
+  const OriginRules rules("127.0.0.1:8080", allowed.ok() ? *std::move(allowed) : std::vector<std::string>());
+  const RequestSource source{host, origin, std::nullopt};
+  if (rules.Check(source).ok() && !rules.IsForeignAllowed(source)) {
+    Demand(origin.size() == host.size() + 7, "a foreign origin passes");
+  }
+  if (const auto time = ParseTimeout(timeout); time.ok()) Demand(time->count() >= 0, "a time-out below 0");
+  for (const char c : PercentEncoded(rest)) Demand(c >= ' ' && c <= '~', "a byte that no header may have");
+
+  ByteBudget budget(64 << 10);
+  RequestBody body(kFrameHeadBytes, 48 << 10, budget, std::chrono::hours(1));
+  const size_t piece = rest.empty() ? 1 : size_t(uint8_t(rest[0])) + 1;
+  for (size_t at = 0; at < rest.size(); at += piece) {
+    if (body.Append(rest.substr(at, piece)) != RequestBody::Took::kGood) return;
+  }
+  const bool framed = CheckRequestFrame(body.head(), body.bytes()).ok();
+  const size_t message = rest.size() - std::min(rest.size(), kFrameHeadBytes);
+  if (body.status().ok()) Demand(body.Take().Length() == message, "bytes of the body are lost");
+  if (framed) Demand(rest.size() >= kFrameHeadBytes && rest[0] == 0, "a frame that is none");
+}
+#endif
+
 Files SeedFiles(bool text) {
   Files files;
   for (const Seed& seed : Seeds()) {
@@ -191,6 +239,13 @@ Files ManifestSeeds() {
                   "\n"
                   R"({"input":"b.glb","voxel-size":[1,2,3],"fill":"parity","format":"raw","preview":"p.png"})")};
 }
+#ifdef VOXELPIPE_FUZZ_WEB
+Files WebSeeds() {
+  std::string good = "127.0.0.1:8080\nhttp://127.0.0.1:8080\nhttps://a.example,http://[::1]:9\n250m\n";
+  good += std::string("\0\0\0\0\3abc", 8);
+  return {BytesOf(good), BytesOf("[::1]:80\nhttps://a.example\nhttps://a.example\n1H\n\x80")};
+}
+#endif
 Files OptionSeeds() {
   return {BytesOf("1,2.5,-3"), BytesOf("constant:value=0.5/0.2/1"),
           BytesOf("u8x4:replace:shader=base_color,scale=2,clear=1"), BytesOf("3/8"),
@@ -206,6 +261,9 @@ constexpr Parser kParsers[] = {
     {"data_uri", &RunDataUri, &DataUriSeeds},
     {"manifest", &RunManifest, &ManifestSeeds},
     {"options", &RunOptions, &OptionSeeds},
+#ifdef VOXELPIPE_FUZZ_WEB
+    {"web", &RunWeb, &WebSeeds},
+#endif
 };
 
 }  // namespace

@@ -15,7 +15,7 @@ struct Parser {
   std::vector<std::vector<uint8_t>> (*seeds)();  // valid inputs to start from
 };
 
-// gltf, glb, draco, image, meshopt, data_uri, manifest, options.
+// gltf, glb, draco, image, meshopt, data_uri, manifest, options; in builds with the server, web.
 std::span<const Parser> Parsers();
 // Null where there is none of this name.
 const Parser* FindParser(std::string_view name);

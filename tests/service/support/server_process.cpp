@@ -124,6 +124,10 @@ absl::StatusOr<std::string> ServerProcess::http_address() {
   return ReadLine("http on ");
 }
 
+absl::StatusOr<std::string> ServerProcess::web_address() {
+  return ReadLine("web on http://");
+}
+
 ServerProcess::~ServerProcess() {
   if (IsRunning()) {
     Signal(SIGKILL);

@@ -47,6 +47,8 @@ class ServerProcess {
   const std::string& address() const { return address_; }  // 127.0.0.1:PORT
   // The address of --http-listen, which must have been given.
   absl::StatusOr<std::string> http_address();
+  // The same of --web-listen.
+  absl::StatusOr<std::string> web_address();
   pid_t pid() const { return pid_; }
 
   // SIGTERM, or another signal.

@@ -270,6 +270,11 @@ TEST(OptionsTest, LoadingIsIsolatedWhereOtherMachinesReachTheServer) {
     EXPECT_EQ(isolated(open, "auto"), "on") << open;
     EXPECT_EQ(isolated(open, "off"), "off") << open;
   }
+  ServerOptions with_page;
+  with_page.web_listen = "127.0.0.1:8080";
+  EXPECT_EQ(Resolve(with_page).isolate_loading, "off");
+  with_page.web_listen = "0.0.0.0:8080";
+  EXPECT_EQ(Resolve(with_page).isolate_loading, "on") << "other machines reach its page";
 }
 
 TEST(OptionsTest, ResolvingLeavesNothingToChoose) {

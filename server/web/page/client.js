@@ -1,0 +1,119 @@
+// The calls of the page: gRPC-Web for the service, and the endpoint of files.
+//
+// Source: gRPC, "gRPC Web", PROTOCOL-WEB.md: a frame is a byte of flags, the length in four bytes, the larger first,
+// and a message; the flag 128 marks the trailers.
+import {joined, Messages} from './messages.js';
+
+const SERVICE = '/voxelpipe.v1.VoxelizationService/';
+const UNAUTHENTICATED = 16;
+const TRAILERS = 128;
+
+export class CallError extends Error {
+  constructor(code, message) {
+    super(code === UNAUTHENTICATED ? 'The server asks for a token, or does not know this one.' : message);
+    this.needsToken = code === UNAUTHENTICATED;
+  }
+}
+
+export class Server {
+  // In: the object of /facts.json, and a function that returns the token, empty if there is none.
+  constructor(facts, token) {
+    this.messages = new Messages(facts);
+    this.token = token;
+  }
+
+  // The answers of a call, one after the other. Throws a CallError, or an AbortError.
+  async *call(method, request, signal) {
+    const own = method === 'VoxelizeMesh' ? 'VoxelizeResponse' : `${method}Response`;
+    const bytes = this.messages.encode(`${method}Request`, request);
+    const head = new Uint8Array(5);
+    new DataView(head.buffer).setUint32(1, bytes.length);
+    const response = await fetch(SERVICE + method, {
+      method: 'POST',
+      signal,
+      headers: {...this.#headers(), 'content-type': 'application/grpc-web+proto', 'x-grpc-web': '1'},
+      body: new Blob([head, bytes]),
+    });
+    if (!response.ok) {
+      const text = (await response.text()).trim();
+      throw new CallError(null, text || `the server refused the call: HTTP ${response.status}`);
+    }
+    check(response.headers.get('grpc-status'), response.headers.get('grpc-message'));
+    let trailers;
+    for await (const [flags, frame] of framesOf(response.body)) {
+      if (flags & TRAILERS) trailers = headersOf(frame);
+      else yield this.messages.decode(own, frame);
+    }
+    if (!trailers) throw new CallError(null, 'the connection ended before the answer did');
+    check(trailers.get('grpc-status'), trailers.get('grpc-message'));
+  }
+
+  async one(method, request, signal) {
+    let answer;
+    for await (const message of this.call(method, request, signal)) answer = message;
+    return answer;
+  }
+
+  // The result as a file of this format: its `blob`, and its `name`, "result.npz"; several files are one .zip.
+  async file(name, request, signal) {
+    const response = await fetch(`/file?format=${encodeURIComponent(name)}`, {
+      method: 'POST',
+      signal,
+      headers: {...this.#headers(), 'content-type': 'application/x-protobuf'},
+      body: this.messages.encode('VoxelizeMeshRequest', request),
+    });
+    if (response.ok) {
+      const name = /filename="([^"]*)"/.exec(response.headers.get('content-disposition') ?? '')?.[1];
+      return {blob: await response.blob(), name: name ?? 'result'};
+    }
+    const text = await response.text();
+    let said = {};
+    try {
+      said = JSON.parse(text);
+    } catch {
+      said.message = text; // of a proxy
+    }
+    throw new CallError(response.status === 401 ? UNAUTHENTICATED : null, said.message || `HTTP ${response.status}`);
+  }
+
+  #headers() {
+    return this.token() ? {authorization: `Bearer ${this.token()}`} : {};
+  }
+}
+
+function headersOf(bytes) {
+  return new Map(new TextDecoder().decode(bytes).split('\r\n').map((line) => {
+    const colon = line.indexOf(':');
+    return [line.slice(0, colon).toLowerCase(), line.slice(colon + 1).trim()];
+  }));
+}
+
+function check(status, message) {
+  if (!status || status === '0') return;
+  throw new CallError(Number(status), decodeURIComponent(message ?? '') || `status ${status}`);
+}
+
+async function* framesOf(stream) {
+  const reader = stream.getReader();
+  let kept = new Uint8Array(0);
+  let parts = [];
+  let size = 0;
+  for (;;) {
+    const {done, value} = await reader.read();
+    if (done) return;
+    parts.push(value);
+    size += value.length;
+    // Joined only when a frame is complete: a large one comes in many parts.
+    const head = parts[0].length >= 5 ? parts[0] : joined(parts);
+    if (size < 5 || size < 5 + new DataView(head.buffer, head.byteOffset).getUint32(1)) continue;
+    kept = joined(parts);
+    while (kept.length >= 5) {
+      const length = new DataView(kept.buffer, kept.byteOffset).getUint32(1);
+      if (kept.length < 5 + length) break;
+      yield [kept[0], kept.subarray(5, 5 + length)];
+      kept = kept.subarray(5 + length);
+    }
+    parts = kept.length > 0 ? [kept] : [];
+    size = kept.length;
+  }
+}

@@ -1,0 +1,76 @@
+// A server with a page, for the tests of its port.
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "gtest/gtest.h"
+#include "service/support/http_get.h"
+#include "service/support/server_process.h"
+#include "service/support/web_client.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+#include "wire/request.h"
+
+namespace voxelpipe::testing {
+
+// True if it becomes true while a test waits.
+inline bool BecomesTrue(const std::function<bool()>& condition) {
+  const auto deadline = std::chrono::steady_clock::now() + kPatience;
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() >= deadline) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  return true;
+}
+
+class WebServerTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    const auto* const test = ::testing::UnitTest::GetInstance()->current_test_info();
+    folder_ = ::testing::TempDir() + "web_" + test->test_suite_name() + "_" + test->name();
+    std::filesystem::remove_all(folder_);
+    std::filesystem::create_directories(folder_);
+  }
+  void TearDown() override {
+    server_.reset();
+    std::filesystem::remove_all(folder_);
+  }
+
+  void Start(std::vector<std::string> arguments = {}) {
+    arguments.insert(arguments.end(), {"--web-listen", "127.0.0.1:0", "--http-listen", "127.0.0.1:0"});
+    server_ = StartServer(arguments, folder_ + "/server.log");
+    ASSERT_NE(server_, nullptr);
+    const auto web = server_->web_address(), http = server_->http_address();
+    ASSERT_TRUE(web.ok() && http.ok()) << web.status() << http.status();
+    web_ = *web;
+    http_ = *http;
+  }
+
+  double Sample(const std::string& name) { return SampleOf(HttpGet(http_, "/metrics"), name); }
+  std::string Log() const {
+    std::ifstream file(folder_ + "/server.log");
+    return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  }
+  bool Logs(const std::string& text) const {
+    return BecomesTrue([&] { return Log().find(text) != std::string::npos; });
+  }
+
+  static v1::VoxelizeMeshRequest Message(const std::vector<uint8_t>& mesh, const VoxelizeRequest& request) {
+    v1::VoxelizeMeshRequest message;
+    *message.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
+    message.set_mesh(mesh.data(), mesh.size());
+    return message;
+  }
+
+  std::string folder_, web_, http_;
+  std::unique_ptr<ServerProcess> server_;
+};
+
+}  // namespace voxelpipe::testing

@@ -1,0 +1,199 @@
+// POST /file: results as files, equal to those of the command line.
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include <grpcpp/support/status.h>
+
+#include "gmock/gmock.h"
+#include "gtest/gtest.h"
+#include "service/support/requests.h"
+#include "service/support/sample_mesh.h"
+#include "service/support/web_fixture.h"
+#include "unit/cli/cli_runner.h"
+
+namespace voxelpipe::testing {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+std::string Contents(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+}
+
+class FileTest : public WebServerTest {
+ protected:
+  void SetUp() override {
+    WebServerTest::SetUp();
+    // The server inherits it, and must leave nothing there.
+    fs::create_directories(folder_ + "/tmp");
+    setenv("TMPDIR", (folder_ + "/tmp").c_str(), 1);
+    std::ofstream(folder_ + "/torus.glb", std::ios::binary)
+        .write(reinterpret_cast<const char*>(torus_.data()), std::streamsize(torus_.size()));
+  }
+  void TearDown() override {
+    unsetenv("TMPDIR");
+    WebServerTest::TearDown();
+  }
+
+  HttpReply FileOf(const std::string& format, const std::string& message, HttpHeaders headers = {}) {
+    headers.emplace_back("Content-Type", "application/x-protobuf");
+    return Fetch(web_, "POST", "/file?format=" + format, headers, message);
+  }
+  HttpReply FileOf(const std::string& format, const VoxelizeRequest& request) {
+    return FileOf(format, Message(torus_, request).SerializeAsString());
+  }
+  // The file that the command line writes with the same options, in `folder_`.
+  std::string OfCommandLine(const std::string& name, std::vector<std::string> options) {
+    const std::string path = folder_ + "/" + name;
+    options.insert(options.begin(), {"voxelize", folder_ + "/torus.glb", "-o", path});
+    const CliOutcome outcome = RunCli(options);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return path;
+  }
+  bool NothingIsLeft() const {
+    return BecomesTrue([&] { return fs::is_empty(folder_ + "/tmp"); });
+  }
+  // Unpacks an archive of the server below `folder_`.
+  std::string Unpacked(const std::string& archive) {
+    std::ofstream(folder_ + "/got.zip", std::ios::binary) << archive;
+    const std::string to = folder_ + "/got";
+    fs::create_directories(to);
+    EXPECT_EQ(std::system(("python3 -m zipfile -e '" + folder_ + "/got.zip' '" + to + "'").c_str()), 0);
+    return to;
+  }
+
+  const std::vector<uint8_t> torus_ = TorusGlb(16);
+};
+
+TEST_F(FileTest, EqualsTheCommandLines) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  VoxelizeRequest request = SmallRequest();
+  request.grid.resolution = 64;
+  for (const char* const format : {"npy", "npz", "vti", "nrrd", "nii.gz", "png"}) {
+    const HttpReply reply = FileOf(format, request);
+    ASSERT_EQ(reply.code, 200) << format << ": " << reply.body;
+    EXPECT_TRUE(reply.complete);
+    const std::string name = std::string("result.") + format;
+    EXPECT_EQ(reply.Header("content-disposition"), "attachment; filename=\"" + name + "\"");
+    EXPECT_TRUE(reply.body == Contents(OfCommandLine(name, {"--resolution", "64"}))) << format;
+    EXPECT_GT(reply.body.size(), 300u);
+  }
+  EXPECT_TRUE(NothingIsLeft());
+}
+
+TEST_F(FileTest, OfManyPieces) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  VoxelizeRequest request = SmallRequest();
+  request.grid.resolution = 160;
+  request.targets[0].format = VoxelFormat::kF32;
+  request.targets[0].blend = Blend::kMax;
+  request.targets[0].shader = {"barycentric", {}};
+  const HttpReply reply = FileOf("npy", request);
+  ASSERT_EQ(reply.code, 200) << reply.body;
+  EXPECT_GT(reply.body.size(), 4u << 20) << "more than a message holds";
+  EXPECT_TRUE(reply.body == Contents(OfCommandLine(
+                                "result.npy", {"--resolution", "160", "--target", "f32x1:max:shader=barycentric"})));
+}
+
+TEST_F(FileTest, SeveralFilesComeAsAnArchive) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  VoxelizeRequest request = SmallRequest();
+  request.grid.resolution = 32;
+  for (const std::string format : {"raw", "zarr"}) {
+    const HttpReply reply = FileOf(format, request);
+    ASSERT_EQ(reply.code, 200) << reply.body;
+    EXPECT_THAT(reply.Header("content-disposition"), HasSubstr("\"result." + format + ".zip\""));
+    const std::string got = Unpacked(reply.body);
+    const fs::path want = fs::path(folder_) / "want";
+    fs::create_directories(want);
+    OfCommandLine("want/result." + format, {"--resolution", "32"});
+    size_t files = 0;
+    for (const auto& each : fs::recursive_directory_iterator(want)) {
+      if (!each.is_regular_file()) continue;
+      ++files;
+      const fs::path name = fs::relative(each.path(), want);
+      EXPECT_TRUE(Contents(each.path()) == Contents(fs::path(got) / name)) << name;
+    }
+    EXPECT_GE(files, 2u);
+    fs::remove_all(want);
+    fs::remove_all(got);
+  }
+  EXPECT_TRUE(NothingIsLeft());
+}
+
+TEST_F(FileTest, RefusesWhatItCannotMake) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string message = Message(torus_, SmallRequest()).SerializeAsString();
+  EXPECT_THAT(FileOf("doc", message).body, HasSubstr("'doc' is not one of npy, npz"));
+  EXPECT_EQ(FileOf("", message).code, 400);
+  EXPECT_EQ(Fetch(web_, "POST", "/file", {{"Content-Type", "application/x-protobuf"}}, message).code, 400);
+  EXPECT_EQ(
+      Fetch(web_, "POST", "/file?format=npy", {{"Content-Type", "application/x-www-form-urlencoded"}}, message).code,
+      415)
+      << "a type that forms can send";
+  EXPECT_EQ(FileOf("npy", "\x0a\x7f").code, 400) << "no message";
+  const HttpReply no_mesh = FileOf("npy", Message({1, 2, 3}, SmallRequest()).SerializeAsString());
+  EXPECT_EQ(no_mesh.code, 400);
+  EXPECT_EQ(no_mesh.Header("grpc-status"), std::to_string(int(grpc::StatusCode::INVALID_ARGUMENT)));
+  VoxelizeRequest sparse = SmallRequest();
+  sparse.result = ResultKind::kSparse;
+  EXPECT_THAT(FileOf("npy", sparse).body, HasSubstr(".npy holds dense results"));
+  v1::VoxelizeMeshRequest compressed = Message(torus_, SmallRequest());
+  compressed.mutable_config()->set_compression(v1::COMPRESSION_ZSTD);
+  EXPECT_THAT(FileOf("npy", compressed.SerializeAsString()).body, HasSubstr("config.compression"));
+  EXPECT_EQ(FileOf("npz", sparse).code, 200);
+  EXPECT_TRUE(NothingIsLeft());
+}
+
+TEST_F(FileTest, WarningsAreHeaders) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string bare =
+      R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"nodes":[{"mesh":0}],
+         "buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,)"
+      "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"}],"
+      R"("bufferViews":[{"buffer":0,"byteLength":36}],
+         "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}]})";
+  v1::VoxelizeMeshRequest message;
+  message.set_mesh(bare);
+  const HttpReply reply = FileOf("npy", message.SerializeAsString());
+  EXPECT_EQ(reply.code, 200) << reply.body;
+  EXPECT_THAT(reply.Header("voxelpipe-warning"), HasSubstr("scene"));
+}
+
+TEST_F(FileTest, FilesBeyondTheLimitAreRefused) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--web-file-bytes", "100000"}));
+  VoxelizeRequest request = SmallRequest();
+  EXPECT_EQ(FileOf("npy", request).code, 200);
+  request.grid.resolution = 256;
+  HttpReply reply = FileOf("raw", request);
+  EXPECT_EQ(reply.code, 429) << "the result alone is larger";
+  EXPECT_THAT(reply.body, HasSubstr("--web-file-bytes"));
+  request.grid.resolution = 80;
+  reply = FileOf("npy", request);
+  EXPECT_EQ(reply.code, 429) << "bits fit, bytes do not";
+  EXPECT_EQ(FileOf("npy", SmallRequest()).code, 200) << "nothing of it stays charged";
+  EXPECT_TRUE(NothingIsLeft());
+}
+
+TEST_F(FileTest, AClientThatHangsUpEndsItsFile) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--threads", "1", "--workers", "1"}));
+  {
+    const WebConnection connection(web_);
+    ASSERT_TRUE(
+        connection.Send(HttpRequest(web_, "POST", "/file?format=npy", {{"Content-Type", "application/x-protobuf"}},
+                                    Message(LargeTrianglesGlb(20'000), SlowRequest()).SerializeAsString())));
+    ASSERT_TRUE(BecomesTrue([&] { return Sample("voxelpipe_running_jobs") == 1; }));
+  }
+  EXPECT_TRUE(BecomesTrue([&] { return Sample("voxelpipe_running_jobs") == 0; }));
+  EXPECT_TRUE(NothingIsLeft());
+}
+
+}  // namespace
+}  // namespace voxelpipe::testing

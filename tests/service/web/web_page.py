@@ -1,0 +1,113 @@
+"""usage: web_page.py PROGRAMS_DIR SOURCE_DIR WORK_DIR
+
+Uses the server's page in a headless Chromium. What it downloads must be the bytes that the command line writes for the
+same request. Exit 77 with the reason if Chromium (docker/packages-browser.txt) or npm's packages are missing.
+"""
+import json
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+
+PROGRAMS, SOURCE, WORK = (pathlib.Path(argument).resolve() for argument in sys.argv[1:4])
+sys.path.insert(0, str(SOURCE / "tests/support"))
+import npm_packages  # noqa: E402
+
+BROWSERS = ("chromium-headless-shell", "chromium")
+TOKEN = "token-of-the-page-0123456789"
+REQUEST = ["--resolution", "48", "--fill", "parity", "--target", "bit:or", "--target", "f32:average:shader=normal"]
+
+
+class Server:
+    def __init__(self, *options):
+        command = [PROGRAMS / "voxelpiped", "--listen", "127.0.0.1:0", "--web-listen", "127.0.0.1:0", *options]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        for line in self.process.stdout:
+            found = re.match(r"web on (http://\S+)", line)
+            if found:
+                self.url = found.group(1) + "/"
+                return
+        raise AssertionError("the server does not say where its page is")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        assert self.process.wait(30) == 0, "the server did not end well"
+
+
+def drive(modules, browser, url, mesh, folder, *token):
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    script = SOURCE / "tests/service/web/drive_page.mjs"
+    command = ["node", str(script), str(modules), browser, url, str(mesh), str(folder), *token]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def check(seen, mesh, folder):
+    assert seen["problems"] == [] and seen["foreign"] == [], seen
+    assert seen["state"] == "done" and seen["error"] == "", seen
+    assert re.match(r"\d+ triangles; \d+ x \d+ x \d+ voxels, ", seen["plan"]), seen["plan"]
+    assert re.match(r"[1-9]\d* occupied voxels of [1-9]\d* triangles", seen["summary"]), seen["summary"]
+    assert not seen["too_wide"], "a phone has to scroll sideways"
+    if seen["focus"]:
+        order = [seen["focus"].index(name) for name in ("file", "token", "resolution", "fill", "shader", "run")]
+        assert order == sorted(order), seen["focus"]
+    assert seen["after_cancel"] == "cancelled", seen["after_cancel"]
+    same = []
+    for name, error in seen["files"].items():
+        if error:
+            assert re.search(r"holds one target", error), (name, error)
+            continue
+        own = folder / "own" / f"result.{name}"
+        command = [PROGRAMS / "voxelpipe", "voxelize", mesh, *REQUEST, "-o", own]
+        subprocess.run(command, check=True, capture_output=True)
+        got = folder / f"{mesh.stem}.{name}"
+        if got.is_file():
+            assert got.read_bytes() == own.read_bytes(), f".{name}: other bytes"
+        else:  # several files
+            with zipfile.ZipFile(folder / f"{mesh.stem}.{name}.zip") as archive:
+                written = {path.relative_to(own.parent).as_posix(): path.read_bytes()
+                           for path in own.parent.rglob("*") if path.is_file()}
+                packed = {entry: archive.read(entry) for entry in archive.namelist()}
+                assert packed == written, f".{name}: {sorted(packed)}, not {sorted(written)}"
+        shutil.rmtree(own.parent)
+        same.append(name)
+    print(f"the same bytes as the command line's: {' '.join(same)}")
+    assert {"npy", "npz", "raw", "vti", "zarr", "ply", "glb", "vox", "binvox"} <= set(same), same
+    if "html" in seen["files"]:
+        assert int(seen["faces"]) > 1000, "no voxels are shown"
+
+
+def main():
+    WORK.mkdir(parents=True, exist_ok=True)
+    browser = next((found for found in map(shutil.which, BROWSERS) if found), None)
+    modules, missing = (None, f"none of {', '.join(BROWSERS)} is installed")
+    if browser:
+        modules, missing = npm_packages.install(SOURCE / "tests/formats", WORK / "npm")
+    if missing:
+        print(f"skipped: {missing}")
+        return 77
+    mesh = WORK / "ball.glb"
+    subprocess.run([sys.executable, SOURCE / "tests/support/make_ball.py", mesh], check=True)
+    with Server() as server:
+        seen = drive(modules, browser, server.url, mesh, WORK / "open")
+        assert seen["focus"], "no key reaches a field"
+        check(seen, mesh, WORK / "open")
+    tokens = WORK / "tokens.json"
+    tokens.write_text(json.dumps({"clients": [{"name": "page", "token": TOKEN, "role": "user"}]}))
+    tokens.chmod(0o600)
+    with Server("--token-file", str(tokens)) as server:
+        seen = drive(modules, browser, server.url, mesh, WORK / "token", TOKEN)
+        assert "token" in seen["without_token"] and seen["token_focused"], seen
+        check(seen, mesh, WORK / "token")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

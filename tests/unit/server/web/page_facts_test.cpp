@@ -1,0 +1,55 @@
+#include "web/page_facts.h"
+
+#include <nlohmann/json.hpp>
+
+#include "encode/format_registry.h"
+#include "gtest/gtest.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+#include "web/page_files.h"
+
+namespace voxelpipe {
+namespace {
+
+using nlohmann::json;
+
+TEST(PageFactsTest, DescribeTheMessagesAsTheyAre) {
+  const json facts = json::parse(PageFacts());
+  const json& config = facts["messages"]["VoxelizeConfig"];
+  EXPECT_EQ(config["mesh_id"]["number"], v1::VoxelizeConfig::kMeshIdFieldNumber);
+  EXPECT_EQ(config["mesh_id"]["type"], "string");
+  EXPECT_EQ(config["targets"], (json{{"number", v1::VoxelizeConfig::kTargetsFieldNumber},
+                                     {"type", "message"},
+                                     {"repeated", true},
+                                     {"of", "RenderTarget"}}));
+  EXPECT_EQ(facts["enums"]["Fill"]["FILL_NONZERO"], int(v1::FILL_NONZERO));
+}
+
+TEST(PageFactsTest, NameNothingThatTheyDoNotDescribe) {
+  const json facts = json::parse(PageFacts());
+  size_t named = 0;
+  for (const auto& [name, fields] : facts["messages"].items()) {
+    for (const auto& [key, field] : fields.items()) {
+      if (!field.contains("of") || field["of"] == "Status") continue;  // of google.rpc, in streams of many jobs only
+      const json& known = facts[field["type"] == "enum" ? "enums" : "messages"];
+      EXPECT_TRUE(known.contains(field["of"])) << name << "." << key;
+      ++named;
+    }
+  }
+  EXPECT_GT(named, 50u);
+  EXPECT_EQ(facts["formats"].size(), OutputFormats().size());
+}
+
+TEST(PageFilesTest, AreWhole) {
+  for (const char* const path :
+       {"/", "/page.css", "/page.js", "/client.js", "/messages.js", "/viewer.css", "/viewer.js", "/facts.json"}) {
+    const PageFile* const file = FindPageFile(path);
+    ASSERT_NE(file, nullptr) << path;
+    EXPECT_GT(file->text.size(), 100u) << path;
+    EXPECT_EQ(file->text.find('\0'), std::string_view::npos) << path;
+  }
+  EXPECT_EQ(FindPageFile("/page.html"), nullptr);
+  EXPECT_EQ(FindPageFile(""), nullptr);
+}
+
+}  // namespace
+}  // namespace voxelpipe
