@@ -22,13 +22,14 @@ struct OutsideFiles {
   TextureUse wanted{true, true, true};
 };
 
-// In: path of a mesh file of any format. Out: bytes that LoadScene accepts without any file access. A .gltf (or .glb) that
-// refers to sibling files is packed with them into one GLB, an .obj gets them as data: URIs (pack_obj.h); only files inside the file's own directory (after resolving
-// symbolic links) are read unless `outside` allows others, percent-encoding is decoded, absolute paths and schemes are
-// refused. A missing image stays a URI, of which the loader warns if a shader reads it (geometry does not need it); a
-// missing buffer is an error. Errors: NOT_FOUND or INVALID_ARGUMENT, RESOURCE_EXHAUSTED past max_file_bytes, the
-// system's with their reason. They begin with `path`, and name the URI at fault. `warnings`, if given, receives faults
-// that the packed bytes no longer show: a byte order mark and bytes after a GLB's end.
+// In: path of a mesh file of any format. Out: bytes that LoadScene accepts without any file access. A .gltf (or .glb)
+// that refers to sibling files is packed with them into one GLB, an .obj gets them as data: URIs (pack_obj.h); only
+// files inside the file's own directory (after resolving symbolic links) are read unless `outside` allows others,
+// percent-encoding is decoded, absolute paths and schemes are refused. A missing image stays a URI, of which the loader
+// warns if a shader reads it (geometry does not need it); a missing buffer is an error. Errors: NOT_FOUND or
+// INVALID_ARGUMENT, RESOURCE_EXHAUSTED past max_file_bytes, the system's with their reason. They begin with `path`, and
+// name the URI at fault. `warnings`, if given, receives faults that the packed bytes no longer show: a byte order mark
+// and bytes after a GLB's end.
 absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {},
                                               WarningList* warnings = nullptr, const OutsideFiles& outside = {});
 

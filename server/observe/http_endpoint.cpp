@@ -86,11 +86,12 @@ absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(const std::str
   const absl::StatusOr<ListenSocket> socket = ListenOn(listen);
   if (!socket.ok()) return socket.status();
   std::unique_ptr<HttpEndpoint> endpoint(new HttpEndpoint(metrics, std::move(ready)));
-  endpoint->daemon_ = MHD_start_daemon(
-      MHD_USE_EPOLL_INTERNAL_THREAD | MHD_USE_ITC | MHD_USE_ERROR_LOG, 0, nullptr, nullptr,
-      static_cast<MHD_AccessHandlerCallback>(&HttpAnswers::Answer), endpoint.get(), MHD_OPTION_EXTERNAL_LOGGER,
-      &LogMessage, nullptr, MHD_OPTION_LISTEN_SOCKET, socket->descriptor, MHD_OPTION_CONNECTION_LIMIT, MostConnections(),
-      MHD_OPTION_CONNECTION_TIMEOUT, kSilentSeconds, MHD_OPTION_CONNECTION_MEMORY_LIMIT, kRequestBytes, MHD_OPTION_END);
+  endpoint->daemon_ =
+      MHD_start_daemon(MHD_USE_EPOLL_INTERNAL_THREAD | MHD_USE_ITC | MHD_USE_ERROR_LOG, 0, nullptr, nullptr,
+                       static_cast<MHD_AccessHandlerCallback>(&HttpAnswers::Answer), endpoint.get(),
+                       MHD_OPTION_EXTERNAL_LOGGER, &LogMessage, nullptr, MHD_OPTION_LISTEN_SOCKET, socket->descriptor,
+                       MHD_OPTION_CONNECTION_LIMIT, MostConnections(), MHD_OPTION_CONNECTION_TIMEOUT, kSilentSeconds,
+                       MHD_OPTION_CONNECTION_MEMORY_LIMIT, kRequestBytes, MHD_OPTION_END);
   if (endpoint->daemon_ == nullptr) {
     close(socket->descriptor);
     return absl::UnavailableError(absl::StrCat("cannot serve on ", listen));

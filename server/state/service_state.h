@@ -72,11 +72,11 @@ struct ServiceState {
   Metrics metrics;
   std::unique_ptr<AccessControl> access;  // set before the first call
   const ForwardedPeers peers;
-  ByteBudget uploads;                     // mesh files being received or waiting
-  ByteBudget working;                     // predicted peaks of running jobs, results being sent
-  MeshStore meshes;                       // uploaded and stored
-  SingleFlight<KeptMesh> loads;           // uploads being loaded, by the mesh's id and format
-  CallGate gate;                          // closed while the server drains
+  ByteBudget uploads;            // mesh files being received or waiting
+  ByteBudget working;            // predicted peaks of running jobs, results being sent
+  MeshStore meshes;              // uploaded and stored
+  SingleFlight<KeptMesh> loads;  // uploads being loaded, by the mesh's id and format
+  CallGate gate;                 // closed while the server drains
   IdleWatch idle_watch;
   const JobLimits limits;
   ResultSharing results;  // between the calls and the scheduler

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes the pictures of README.md: gallery.sh VOXELPIPE OUT_DIR. Needs Debian's assimp-testmodels, and python3-pil, which
-# makes the files small.
+# Makes the pictures of README.md: gallery.sh VOXELPIPE OUT_DIR. Needs Debian's assimp-testmodels, and python3-pil,
+# which makes the files small.
 set -euo pipefail
 voxelpipe="$(realpath "${1:?usage: gallery.sh VOXELPIPE OUT_DIR}")"
 out="$(realpath -m "${2:?usage: gallery.sh VOXELPIPE OUT_DIR}")"
@@ -24,9 +24,10 @@ PYTHON
   ls -l "$out/$name.png" | awk '{print $5, $9}'
 }
 
-draw textures "$models/OBJ/spider.obj" --resolution 384 --target bit:or --target u8x4:average:shader=base_color,encoding=srgb
+draw textures "$models/OBJ/spider.obj" --resolution 384 --target bit:or \
+  --target u8x4:average:shader=base_color,encoding=srgb
 draw cut "$engine" --resolution 320 --clip=-340,-140,-140,340,140,5 --fill nonzero --target bit:or \
   --target u8x4:average:shader=base_color,encoding=srgb --view 20,25
 draw depth "$engine" --resolution 192 --coverage thin --result buckets
-draw velocity "$engine" --resolution 256 --fill nonzero --vertex-shader identity:linear_velocity=1/0/0,angular_velocity=0/0/3 \
-  --target bit:or --target f32x3:average:shader=velocity
+draw velocity "$engine" --resolution 256 --fill nonzero \
+  --vertex-shader identity:linear_velocity=1/0/0,angular_velocity=0/0/3 --target bit:or --target f32x3:average:shader=velocity

@@ -164,7 +164,9 @@ void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments
 void AddBenchCommand(CLI::App& app, int& exit_code) {
   auto arguments = std::make_shared<BenchArguments>();
   CLI::App* command = app.add_subcommand("bench", "Put a load on servers and measure throughput and latency");
-  command->add_option("MESH", arguments->mesh, "Mesh file: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input")
+  command
+      ->add_option("MESH", arguments->mesh,
+                   "Mesh file: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input")
       ->required()
       ->type_name("");
   command->add_option("--server", arguments->plan.servers, Wrapped("A server; several with commas or several --server"))

@@ -123,7 +123,8 @@ void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
   CLI::App* command = app.add_subcommand("voxelize", "Voxelize meshes");
   command
       ->add_option("IN", arguments->inputs,
-                   Wrapped("Mesh files: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input. Also directories, for the meshes in "
+                   Wrapped("Mesh files: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input. Also "
+                           "directories, for the meshes in "
                            "them, and quoted patterns of *, ? and ** (any directories), as in 'meshes/**/*.glb'"))
       ->required()
       ->type_name("");

@@ -53,7 +53,8 @@ struct MeshReading {
 };
 
 // In: the path of a mesh file, or "-" for standard input; files that such a mesh names are searched in the working
-// directory. A format that neither the caller nor the content says is that of the path's extension. Errors: those of ReadLocalFile, ReadStandardInput and PackMesh, without the path.
+// directory. A format that neither the caller nor the content says is that of the path's extension. Errors: those of
+// ReadLocalFile, ReadStandardInput and PackMesh, without the path.
 absl::StatusOr<MeshInput> ReadMeshInput(const std::string& path, const MeshReading& reading, const JobContext& job);
 
 // LoadMeshFor (load/load_mesh.h) in this process, with the textures in `use`; to read the file is part of load_ms.

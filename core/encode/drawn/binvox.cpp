@@ -1,7 +1,7 @@
 // binvox: a cube of bits in runs.
 //
-// Source: P. Min, "Binvox voxel file format specification", 2004 to 2019. y is the fastest axis, then z, then x; `scale`
-// is the edge of the whole cube, `translate` its corner of the smallest coordinates.
+// Source: P. Min, "Binvox voxel file format specification", 2004 to 2019. y is the fastest axis, then z, then x;
+// `scale` is the edge of the whole cube, `translate` its corner of the smallest coordinates.
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"

@@ -1,8 +1,8 @@
 // NanoVDB files: a fog volume "density", and a grid of each target that is not bits.
 //
 // Source: K. Museth, "NanoVDB: A GPU-Friendly and Portable VDB Data Structure For Real-Time Rendering And Simulation",
-// SIGGRAPH Talks 2021; the file format is that of its header-only library, which writes it here. Integer coordinates are
-// the centres of voxels. Not compressed: some readers take nothing else.
+// SIGGRAPH Talks 2021; the file format is that of its header-only library, which writes it here. Integer coordinates
+// are the centres of voxels. Not compressed: some readers take nothing else.
 #include <nanovdb/util/GridBuilder.h>
 #include <nanovdb/util/IO.h>
 

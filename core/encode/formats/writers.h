@@ -26,8 +26,8 @@ std::unique_ptr<ResultFile> MakeNrrdFile(const std::string& path, const JobConte
 // halves as float32. Memory: a piece, and of interleaved components the compressed ones after the first.
 std::unique_ptr<ResultFile> MakeNiftiFile(const std::string& path, const JobContext* job);
 // Dense: a directory, an OME-Zarr 0.4 image of each target with the axes c, z, y, x; one target is the root, several
-// are groups "target0", ... Bits as uint8 0/1. Coordinates are centres. Levels of half the resolution follow until no axis
-// exceeds 256 voxels. Memory: a row of chunks of each level, twice 16 layers.
+// are groups "target0", ... Bits as uint8 0/1. Coordinates are centres. Levels of half the resolution follow until no
+// axis exceeds 256 voxels. Memory: a row of chunks of each level, twice 16 layers.
 std::unique_ptr<ResultFile> MakeZarrDirectory(const std::string& path, const JobContext* job);
 
 // The following collect the result first (drawn/whole_file.h). All but .ply hold what a picture shows: the solid voxels

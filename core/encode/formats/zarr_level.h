@@ -20,7 +20,8 @@ class ZarrLevel {
   using Dims = std::array<uint64_t, 3>;  // z, y, x
 
   // `path`: of the array in the directory, "target0/0/". `planes`: arrays that arrive one after the other, each with
-  // `together` interleaved components; one of the two is 1. `parts`: the directory; it and `job` must outlive the level.
+  // `together` interleaved components; one of the two is 1. `parts`: the directory; it and `job` must outlive the
+  // level.
   ZarrLevel(std::string path, ElementType type, const Dims& dims, uint64_t planes, uint64_t together,
             const AtomicDirectory& parts, const JobContext* job);
 

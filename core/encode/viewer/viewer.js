@@ -54,8 +54,8 @@ function sliceControl(data, axis, change) {
 }
 
 // In: an element of the page, and an inflated payload (payload.js). Fills the element. Out: `dispose()`, which empties
-// it, and what tests need: `setView(azimuth, elevation)`, `pick(x, y)` (a text, empty if nothing is there), `frameMs()`.
-// Throws an Error if the browser has no WebGL 2.
+// it, and what tests need: `setView(azimuth, elevation)`, `pick(x, y)` (a text, empty if nothing is there) and
+// `frameMs()`. Throws an Error if the browser has no WebGL 2.
 export function mountViewer(element, payload) {
   const data = readPayload(payload);
   const keys = 'arrow keys turn, + and - zoom, R resets the view';

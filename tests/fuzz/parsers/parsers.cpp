@@ -157,8 +157,8 @@ void Demand(bool good, const char* what) {
   std::abort();
 }
 
-// What a browser sends, a line each: Host, Origin, an option with origins, grpc-timeout. The rest is a body, in pieces of
-// as many bytes as the first one says.
+// What a browser sends, a line each: Host, Origin, an option with origins, grpc-timeout. The rest is a body, in pieces
+// of as many bytes as the first one says.
 void RunWeb(Bytes bytes) {
   std::string_view rest(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   const auto line = [&rest] {

@@ -41,7 +41,8 @@ try {
     seen.token_focused = await page.evaluate(() => document.activeElement.id === 'token');
     await set('token', token);
   }
-  await page.waitForFunction(() => document.getElementById('server').textContent.startsWith('version'), {timeout: 30_000});
+  await page.waitForFunction(() => document.getElementById('server').textContent.startsWith('version'),
+    {timeout: 30_000});
   await page.focus('body');
   for (let i = 0; i < 12 && !token; ++i) { // with a token the focus is in its field
     await page.keyboard.press('Tab');

@@ -110,7 +110,8 @@ std::vector<std::string> OptionsWithValues(const std::string& command) {
   std::vector<std::string> options;
   for (std::string line; std::getline(help, line);) {
     std::smatch match;
-    if (std::regex_search(line, match, std::regex("^  (?:-[a-z],)?(--[a-z-]+) (?!Needs:)[^ ]"))) options.push_back(match[1]);
+    if (std::regex_search(line, match, std::regex("^  (?:-[a-z],)?(--[a-z-]+) (?!Needs:)[^ ]")))
+      options.push_back(match[1]);
   }
   return options;
 }
