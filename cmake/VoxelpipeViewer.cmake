@@ -22,7 +22,7 @@ function(voxelpipe_bundle_viewer reason)
   set(stamp ${viewer_dir}/node_modules/.package-lock.json)
   if(NOT EXISTS ${stamp} OR ${viewer_dir}/package-lock.json IS_NEWER_THAN ${stamp})
     execute_process(COMMAND ${VOXELPIPE_NPM} ci --no-audit --no-fund --silent WORKING_DIRECTORY ${viewer_dir}
-      TIMEOUT 120 RESULT_VARIABLE failed OUTPUT_QUIET ERROR_QUIET)
+      TIMEOUT 60 RESULT_VARIABLE failed OUTPUT_QUIET ERROR_QUIET)
     if(failed)
       set(${reason} "npm cannot install three and esbuild" PARENT_SCOPE)
       return()

@@ -3,7 +3,7 @@ import pathlib
 import shutil
 import subprocess
 
-LIMIT_S = 120
+LIMIT_S = 60
 
 
 def install(source, target):
