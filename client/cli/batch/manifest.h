@@ -11,7 +11,7 @@
 #include "absl/status/statusor.h"
 #include "encode/preview/preview_view.h"
 #include "job/request.h"
-#include "options/mesh_flags.h"
+#include "options/mesh_type.h"
 #include "options/request_options.h"
 
 namespace voxelpipe::cli {

@@ -9,6 +9,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "service/support/certificates.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/web_fixture.h"
@@ -137,6 +138,17 @@ TEST_F(DoorTest, TheClientIsTheConnectionsPeer) {
                                           WebFrame(""))));
   EXPECT_EQ(ParseWebReply(connection.ReadReply()).status, 0);
   EXPECT_EQ(CallLine("whose-is-it")["peer"], connection.OwnAddress());
+}
+
+TEST_F(DoorTest, BrowsersNeedATokenWhereOthersShowCertificates) {
+  const auto authority = CertificateAuthority::Make();
+  ASSERT_TRUE(authority.ok()) << authority.status();
+  const auto files = authority->Sign("server");
+  ASSERT_TRUE(files.ok()) << files.status();
+  ASSERT_NO_FATAL_FAILURE(StartWithTokens({"--tls-cert", files->certificate, "--tls-key", files->key, "--tls-client-ca",
+                                           authority->ca(), "--tls-client-names", "true"}));
+  EXPECT_EQ(StatusOf("ListShaders", {}), int(grpc::StatusCode::UNAUTHENTICATED));
+  EXPECT_EQ(StatusOf("ListShaders", {{"Authorization", "Bearer token-of-the-farm"}}), 0);
 }
 
 TEST_F(DoorTest, ClientCertificatesWithoutTokensLeaveNoOpenDoor) {
