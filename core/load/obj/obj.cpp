@@ -313,8 +313,8 @@ bool IsObj(std::span<const uint8_t> bytes) {
   while (const std::optional<std::string_view> line = lines.Next()) {
     Words words(*line);
     const std::string_view word = words.Next();
-    if (word.empty() || word[0] == '#') continue;
-    return IsOneOf(word, kRead) || IsOneOf(word, kSilent);
+    if (word.empty() || word[0] == '#' || IsOneOf(word, kSilent)) continue;
+    return IsOneOf(word, kRead);
   }
   return false;
 }

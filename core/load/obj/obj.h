@@ -13,7 +13,7 @@
 
 namespace voxelpipe {
 
-// True if the first statement of the text is one of OBJ.
+// True if the first statement of the text, but for groups and names, is one of OBJ that is read.
 bool IsObj(std::span<const uint8_t> bytes);
 
 // In: a whole file whose material libraries and textures are data: URIs (load/pack_obj.h makes them); other names

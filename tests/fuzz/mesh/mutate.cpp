@@ -218,10 +218,10 @@ Case MakeCase(uint64_t seed, uint64_t number) {
   const Seed& from = Pick(Seeds(), random);
   Case made;
   made.seed = from.name;
-  if (from.drc.empty()) {
+  if (from.file.empty()) {
     made.mesh = Write(from, from.gltf, random);
   } else {
-    made.mesh = from.drc;
+    made.mesh = from.file;
     SpoilBytes(made.mesh, random);
   }
   made.request = RandomRequest(random);

@@ -147,7 +147,7 @@ GlbBuilder WithMeshopt() {
 Seed DracoFile(const std::string& name, bool sequential) {
   Seed seed;
   seed.name = name;
-  seed.drc = DracoStream(sequential);
+  seed.file = DracoStream(sequential);
   return seed;
 }
 
@@ -166,6 +166,18 @@ std::vector<Seed> MakeSeeds() {
   add("meshopt", WithMeshopt(), false);
   seeds.push_back(DracoFile("edgebreaker", false));
   seeds.push_back(DracoFile("sequential", true));
+  const auto add_files = [&](const char* name, const std::vector<std::vector<uint8_t>>& files) {
+    for (const std::vector<uint8_t>& file : files) {
+      Seed& seed = seeds.emplace_back();
+      seed.name = name;
+      seed.file = file;
+    }
+  };
+  add_files("stl", StlFiles());
+  add_files("ply", PlyFiles());
+  add_files("off", OffFiles());
+  add_files("obj", ObjFiles());
+  add_files("3mf", ThreemfFiles());
   return seeds;
 }
 

@@ -17,6 +17,7 @@
 #include "mesh/flatten_job.h"
 #include "options/axes.h"
 #include "options/parse.h"
+#include "support/meshes/zip_maker.h"
 #ifdef VOXELPIPE_FUZZ_WEB
 #include "web/http/frames.h"
 #include "web/http/origin_rules.h"
@@ -193,7 +194,7 @@ void RunWeb(Bytes bytes) {
 Files SeedFiles(bool text) {
   Files files;
   for (const Seed& seed : Seeds()) {
-    if (seed.drc.empty()) files.push_back(text ? seed.gltf.Gltf() : seed.gltf.Glb());
+    if (seed.file.empty()) files.push_back(text ? seed.gltf.Gltf() : seed.gltf.Glb());
   }
   return files;
 }
@@ -205,6 +206,37 @@ Files GlbSeeds() {
 }
 Files DracoSeeds() {
   return {DracoStream(false), DracoStream(true)};
+}
+void RunStl(Bytes bytes) {
+  Load(bytes, MeshFormat::kStl);
+}
+void RunPly(Bytes bytes) {
+  Load(bytes, MeshFormat::kPly);
+}
+void RunOff(Bytes bytes) {
+  Load(bytes, MeshFormat::kOff);
+}
+void RunObj(Bytes bytes) {
+  Load(bytes, MeshFormat::kObj);
+}
+// The archive as it is, and the bytes as the model in a good one: a fuzzer finds no CRC-32 by itself.
+void RunThreemf(Bytes bytes) {
+  Load(bytes, MeshFormat::k3mf);
+  testing::ZipMaker zip = testing::Package3mf(Text(bytes));
+  zip.Add("3D/a.png", "no picture");
+  const std::string package = zip.Bytes();
+  Load({reinterpret_cast<const uint8_t*>(package.data()), package.size()}, MeshFormat::k3mf);
+}
+Files ThreemfSeeds() {
+  Files files = ThreemfFiles();
+  files.push_back(BytesOf(testing::Model3mf(
+      "<basematerials id=\"5\"><base name=\"red\" displaycolor=\"#FF0000\"/></basematerials><object id=\"1\" pid=\"5\" "
+      "pindex=\"0\"><mesh><vertices><vertex x=\"0\" y=\"0\" z=\"0\"/><vertex x=\"1\" y=\"0\" z=\"0\"/><vertex x=\"0\" "
+      "y=\"1\" z=\"0\"/></vertices><triangles><triangle v1=\"0\" v2=\"1\" "
+      "v3=\"2\"/></triangles></mesh></object><object "
+      "id=\"2\"><components><component objectid=\"1\"/></components></object>",
+      "<item objectid=\"2\" transform=\"1 0 0 0 1 0 0 0 1 4 5 6\"/>")));
+  return files;
 }
 Files ImageSeeds() {
   std::vector<uint8_t> png = testing::MakePng(3, 2, testing::ByteVector(24, 90));
@@ -256,6 +288,11 @@ constexpr Parser kParsers[] = {
     {"gltf", &RunGltf, &GltfSeeds},
     {"glb", &RunGlb, &GlbSeeds},
     {"draco", &RunDraco, &DracoSeeds},
+    {"stl", &RunStl, &StlFiles},
+    {"ply", &RunPly, &PlyFiles},
+    {"off", &RunOff, &OffFiles},
+    {"obj", &RunObj, &ObjFiles},
+    {"threemf", &RunThreemf, &ThreemfSeeds},
     {"image", &RunImage, &ImageSeeds},
     {"meshopt", &RunMeshopt, &MeshoptSeeds},
     {"data_uri", &RunDataUri, &DataUriSeeds},

@@ -104,8 +104,8 @@ TEST_F(CliFormats, MaterialsAndTexturesAreReadBesideAnObj) {
   }
   const std::string path = Write("a.obj", "mtllib parts/all.mtl\nvt 0.5 0.5\nusemtl wood\n" + text);
   const json red = Voxelize(path, {"--target", "u8x3:replace:shader=base_color"});
-  const json expected =
-      Voxelize(Write("b.obj", kTetrahedron), {"--target", "u8x3:replace:shader=constant(value=1/0/0)"});
+  const json expected = Voxelize(Write("b.obj", kTetrahedron),
+                                 {"--shader", "constant:value=1/0/0", "--target", "u8x3:replace:scale=255"});
   EXPECT_EQ(red["warnings"], json::array());
   EXPECT_EQ(red["hash"], expected["hash"]);
 }
@@ -116,15 +116,16 @@ TEST_F(CliFormats, ABatchTakesUnitsByItem) {
                                      "{\"input\": \"a.obj\", \"id\": \"plain\"}\n"
                                      "{\"input\": \"a.obj\", \"id\": \"mm\", \"unit\": \"mm\"}\n");
   const std::string out = directory_ / "out";
-  const CliOutcome outcome = RunCli({"batch", manifest, "-o", out, "--resolution", "8", "--format", "npz"});
+  const CliOutcome outcome = RunCli({"batch", manifest, "--output-dir", out, "--resolution", "8", "--format", "npz"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   const std::string wrong = Write("wrong.jsonl", "{\"input\": \"a.obj\", \"unit\": \"km\"}\n");
-  const CliOutcome refused = RunCli({"batch", wrong, "-o", out});
+  const CliOutcome refused = RunCli({"batch", wrong, "--output-dir", out});
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("wrong.jsonl:1: unit 'km' is none of mm, cm, m, in"));
   // An earlier result in another unit does not count as done.
   const std::string changed = Write("jobs.jsonl", "{\"input\": \"a.obj\", \"id\": \"plain\", \"unit\": \"cm\"}\n");
-  const CliOutcome again = RunCli({"batch", changed, "-o", out, "--resolution", "8", "--format", "npz", "--json"});
+  const CliOutcome again =
+      RunCli({"batch", changed, "--output-dir", out, "--resolution", "8", "--format", "npz", "--json"});
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_EQ(json::parse(again.out)["done"], 1) << again.out;
 }

@@ -29,13 +29,14 @@ TEST(MeshFormatTest, SniffsByContent) {
     EXPECT_EQ(sniff(keyword), MeshFormat::kOff) << keyword;
   }
   EXPECT_EQ(sniff("OFFSET\n"), std::nullopt);
-  for (const char* text : {"v 0 0 0\n", "# x\n\nmtllib a.mtl\n", "o thing\n", "\xEF\xBB\xBFg\n", "vn 0 0 1"}) {
+  for (const char* text :
+       {"v 0 0 0\n", "# x\n\nmtllib a.mtl\n", "o thing\ng\nv 0 0 0\n", "\xEF\xBB\xBFg\nf", "vn 0 0 1"}) {
     EXPECT_EQ(sniff(text), MeshFormat::kObj) << text;
   }
   EXPECT_EQ(sniff("{\"asset\": {}}"), MeshFormat::kGltf);
   EXPECT_EQ(sniff("\xEF\xBB\xBF {"), MeshFormat::kGltf);
   EXPECT_EQ(sniff("PK\3\4............[Content_Types].xml"), MeshFormat::k3mf);
-  for (const char* text : {"", "\n", "hello\n", "PK\3\4 other", "vertex 0 0 0"}) {
+  for (const char* text : {"", "\n", "hello\n", "PK\3\4 other", "vertex 0 0 0", "g", "o thing\n"}) {
     EXPECT_EQ(sniff(text), std::nullopt) << text;
   }
 }

@@ -47,7 +47,7 @@ Primitive LoadPrimitive(GlbBuilder& builder, const json& primitive) {
   return scene.meshes[0].primitives[0];
 }
 
-TEST(Sniff, KnowsTheThreeFormats) {
+TEST(Sniff, KnowsGltfAndDraco) {
   const auto sniff = [](std::string_view text) {
     return SniffMeshFormat({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
   };
@@ -55,7 +55,7 @@ TEST(Sniff, KnowsTheThreeFormats) {
   EXPECT_EQ(sniff("DRACO..."), MeshFormat::kDraco);
   EXPECT_EQ(sniff(" \n{\"asset\""), MeshFormat::kGltf);
   EXPECT_EQ(sniff("\x1f\x8b"), std::nullopt);
-  EXPECT_EQ(sniff("solid stl"), std::nullopt);
+  EXPECT_EQ(sniff("solid stl"), MeshFormat::kStl);
   EXPECT_EQ(sniff(""), std::nullopt);
 }
 
