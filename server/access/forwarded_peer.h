@@ -8,7 +8,7 @@
 namespace voxelpipe {
 
 // gRPC has no peer for in-process calls, so the address travels as metadata, behind a secret that only this process
-// knows: the same key from a stranger has no effect. Thread-safe.
+// knows: the same key in a call from elsewhere has no effect. Thread-safe.
 class ForwardedPeers {
  public:
   static constexpr char kKey[] = "voxelpiped-forwarded-peer";

@@ -35,7 +35,8 @@ def main():
     program, mesh, *rest = sys.argv[1:]
     resolution = rest[0] if rest else "512"
     names = rest[1:] or FORMATS
-    print("| format | bits: s | MiB | peak MiB | u8 x 4: s | MiB | peak MiB |\n| --- | --- | --- | --- | --- | --- | --- |")
+    print("| format | bits: s | MiB | peak MiB | u8 x 4: s | MiB | peak MiB |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory() as folder:
         for name in names:
             cells = []

@@ -357,7 +357,8 @@ def beyond_4_gib(name):
 
 READERS = {"vti (VTK)": vti, "nrrd (teem)": nrrd, "nii.gz (nibabel)": nifti, "zarr (python3-zarr)": zarr,
            "ply (meshio)": ply_meshio, "ply (Open3D)": ply_open3d, "glb (gltf-validator, three)": glb_three,
-           "vox (vox-reader, three)": vox, "nvdb (nanovdb_validate)": nvdb, "nvdb (nanovdb_convert, OpenVDB)": nvdb_values,
+           "vox (vox-reader, three)": vox, "nvdb (nanovdb_validate)": nvdb,
+           "nvdb (nanovdb_convert, OpenVDB)": nvdb_values,
            "binvox (a second reader of our own)": binvox}
 
 

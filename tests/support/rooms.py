@@ -25,7 +25,8 @@ core/pipeline
 core/cuda/device core/cuda/primitives core/cuda/plan core/cuda/run core/cuda/vertex core/cuda/traversal
 core/cuda/occupancy core/cuda/coverage core/cuda/shading core/cuda/scatter core/cuda/a_buffer
 core/cuda/sparse core/cuda/fill core/cuda/targets core/cuda/batch core/cuda
-core/encode/preview core/encode core/encode/formats core/encode/viewer core/encode/drawn core/encode/read core/command_line core
+core/encode/preview core/encode core/encode/formats core/encode/viewer core/encode/drawn core/encode/read
+core/command_line core
 proto/wire
 client/cpp/reply client/cpp client/cpp/example client/python/core
 client/cli/options client/cli/engine client/cli/batch client/cli/bench client/cli/compare

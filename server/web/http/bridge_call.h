@@ -26,7 +26,7 @@ inline constexpr char kServicePath[] = "/voxelpipe.v1.VoxelizationService/";  //
 // one. The destructor ends the call.
 //
 // The status is asked for after the last message only, which gRPC's callback API does not allow: gRPC 1.51's in-process
-// transport drops a message that nobody waits for if the status is asked for and follows it.
+// transport drops a message that no read waits for if the status is asked for and follows it.
 class BridgeCall {
  public:
   struct Setup {

@@ -10,7 +10,7 @@ constexpr char kContentPolicy[] =
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; img-src 'self' blob: "
     "data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-constexpr unsigned kClientClosed = 499;  // as proxies log it; nobody reads it
+constexpr unsigned kClientClosed = 499;  // as proxies log it; the client is gone
 
 unsigned HttpCodeOf(grpc::StatusCode code) {
   switch (code) {
