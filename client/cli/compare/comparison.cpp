@@ -28,7 +28,7 @@ bool SameTypes(const StoredResult& a, const StoredResult& b) {
 absl::Status CompareDense(const JobContext& job, const StoredResult& a, const StoredResult& b, double tolerance,
                           Comparison& out) {
   ValuePair pair(a, b, tolerance);
-  Comparison::Occupancy& occupancy = out.occupancy.emplace();
+  ComparedOccupancy& occupancy = out.occupancy.emplace();
   for (uint64_t n = 0; n < a.voxels(); ++n) {
     absl::Status bad = n % kBetweenChecks == 0 ? job.Check() : absl::OkStatus();
     if (bad.ok()) bad = pair.NextA();
@@ -61,7 +61,7 @@ class ListComparison {
   absl::Status Run(const JobContext& job) {
     absl::Status bad = list_a_.Next();
     if (bad.ok()) bad = list_b_.Next();
-    Comparison::Occupancy& occupancy = out_.occupancy.emplace();
+    ComparedOccupancy& occupancy = out_.occupancy.emplace();
     for (uint64_t n = 0; bad.ok() && !(list_a_.ended() && list_b_.ended()); ++n) {
       if (bad = n % kBetweenChecks == 0 ? job.Check() : absl::OkStatus(); !bad.ok()) break;
       const bool in_a = list_a_.key() <= list_b_.key(), in_b = list_b_.key() <= list_a_.key();
@@ -134,7 +134,7 @@ class ListComparison {
 
 }  // namespace
 
-double Comparison::Occupancy::iou() const {
+double ComparedOccupancy::iou() const {
   const uint64_t either = a + only_b;
   return either == 0 ? 1.0 : double(a - only_a) / double(either);
 }

@@ -51,7 +51,7 @@ bool ValuePair::Occupied(const Numbers& numbers) {
   });
 }
 
-int ValuePair::Difference(Comparison::Values& values) const {
+int ValuePair::Difference(ComparedValues& values) const {
   int first = -1;
   for (size_t t = 0; t < a_.size(); ++t) {
     for (size_t c = 0; c < a_[t].size(); ++c) {

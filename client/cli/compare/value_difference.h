@@ -35,7 +35,7 @@ class ValuePair {
 
   // The first target that differs by more than the tolerance, or -1. Takes all differences into `values`. Only where
   // both have the same numbers of components.
-  int Difference(Comparison::Values& values) const;
+  int Difference(ComparedValues& values) const;
   bool OccupiedA() const { return Occupied(a_); }
   bool OccupiedB() const { return Occupied(b_); }
   // The components of a target of the current elements.
