@@ -23,6 +23,11 @@ if(NOT VOXELPIPE_NANOVDB STREQUAL "OFF") # headers alone
     message(FATAL_ERROR "VOXELPIPE_NANOVDB=ON, but nanovdb/util/GridBuilder.h was not found (libnanovdb-dev)")
   endif()
 endif()
+if(VOXELPIPE_OPENVDB)
+  find_path(OPENVDB_INCLUDE_DIR openvdb/openvdb.h REQUIRED)
+  find_library(OPENVDB_LIBRARY openvdb REQUIRED)
+  find_library(OPENVDB_IMATH_LIBRARY NAMES Imath Imath-3_1 REQUIRED) # its headers convert halves
+endif()
 if(VOXELPIPE_SERVICE)
   find_package(Protobuf REQUIRED)
   find_package(gRPC CONFIG REQUIRED)

@@ -15,7 +15,7 @@ import tempfile
 ROUNDS = 3
 COLOURS = ["--target", "u8x4:replace:shader=base_color"]
 BOTH = ["--target", "bit:or", *COLOURS]
-FORMATS = "npy npz vti nrrd nii.gz zarr ply glb vox binvox nvdb html".split()
+FORMATS = "npy npz vti nrrd nii.gz zarr ply glb merged.glb vox binvox nvdb vdb html".split()
 ONE_TARGET = {"nrrd", "nii.gz"}
 
 

@@ -219,9 +219,18 @@ def srgb(expected, cells):
 
 
 def glb_three(case):
+    check_surface(case, "surface.glb")
+
+
+def merged_glb_three(case):
+    check_surface(case, "surface.merged.glb")
+
+
+def check_surface(case, name):
+    """The rectangles of a .glb cover each exposed face once, in its voxel's colour; only merged ones are larger."""
     for targets in (BITS, COLOURS):
         expected = Expected(case, targets)
-        model = read_models(case.write("surface.glb", targets))
+        model = read_models(case.write(name, targets))
         assert model["issues"]["numErrors"] == 0 and model["issues"]["numWarnings"] == 0, model["issues"]
         solid = {tuple(cell) for cell in expected.cells}
         faces = {(cell, axis, way) for cell in solid for axis in range(3) for way in (-1, 1)
@@ -233,24 +242,31 @@ def glb_three(case):
         index = (np.array(mesh["world"]) - case.origin) / case.size
         corners = np.rint(index)
         assert np.allclose(index, corners, atol=1e-4), "a vertex is no corner of a voxel"
-        triangles = np.array(mesh["indices"]).reshape(-1, 2, 3)  # two a face
+        rectangles = np.array(mesh["indices"]).reshape(-1, 2, 3)  # two triangles each
         colours = np.array(mesh["colours"])
         if len(colours):
             assert len(np.unique(np.hstack([corners, colours]), axis=0)) == len(corners), "vertices are not shared"
-        found = set()
-        for quad in triangles:
-            a, b, c = corners[quad[0]]
+        found = []
+        for rectangle in rectangles:
+            a, b, c = corners[rectangle[0]]
             normal = np.cross(b - a, c - a)
             axis = int(np.abs(normal).argmax())
-            middle = corners[quad.ravel()]
-            middle = (middle.min(0) + middle.max(0)) / 2
             way = int(np.sign(normal[axis]))
-            cell = tuple(int(n) for n in np.floor(middle - way * 0.5 * np.eye(3)[axis]))
-            found.add((cell, axis, way))
+            low, high = (getattr(corners[rectangle.ravel()], end)(0).astype(int) for end in ("min", "max"))
+            low[axis] -= way > 0
+            high[axis] = low[axis] + 1
+            assert np.prod(high - low) == np.abs(normal).max(), "no rectangle"
+            cells = [tuple(low + shift) for shift in np.ndindex(*(high - low))]
+            found += [(cell, axis, way) for cell in cells]
             if len(colours):
-                value = expected.values[1][np.all(expected.cells == cell, axis=1)][0]
-                assert np.allclose(colours[quad.ravel()] * 255, value, atol=0.01), "other colours"
-        assert len(found) == len(triangles) and found == faces, "other faces"
+                for cell in cells:
+                    value = expected.values[1][np.all(expected.cells == cell, axis=1)][0]
+                    assert np.allclose(colours[rectangle.ravel()] * 255, value, atol=0.01), "other colours"
+        assert len(found) == len(faces) and set(found) == faces, "other faces"
+        if "merged" not in name:
+            assert len(rectangles) == len(faces)
+        elif targets is BITS and len(faces) > 6:
+            assert len(rectangles) < len(faces), "nothing was merged"
 
 
 def vox(case):
@@ -303,22 +319,37 @@ def nvdb_values(case):
     if not len(case.cells):
         return
     for targets in (BITS, U16X3):
-        expected = Expected(case, targets)
-        vdb = WORK / f"{case.name}.vdb"
+        vdb = WORK / f"{case.name}.nvdb.vdb"
         vdb.unlink(missing_ok=True)
         command = ["nanovdb_convert", "-f", str(case.write("nvdb", targets)), str(vdb)]
         subprocess.run(command, check=True, capture_output=True)
-        grids = openvdb.readAll(str(vdb))[0]
-        for grid in grids:
-            points = [item for item in grid.iterOnValues()]
-            cells = np.array([item.min for item in points])
-            world = [grid.transform.indexToWorld(tuple(int(n) for n in cell)) for cell in cells]
-            values = [item.value for item in points]
-            if grid.name == "density":
-                assert set(values) == {1.0}
-                expected.check(cells, world)
-            else:
-                expected.check(cells, world, values)
+        check_openvdb(Expected(case, targets), openvdb.readAll(str(vdb))[0])
+
+
+def vdb(case):
+    openvdb = need_module("pyopenvdb")
+    for targets in (BITS, U16X3):
+        path = case.write("vdb", targets)
+        first = path.read_bytes()
+        assert case.write("vdb", targets).read_bytes() == first, "the same request has other bytes"
+        grids = openvdb.readAll(str(path))[0]
+        assert [grid.name for grid in grids] == ["density"] + ["target0"] * (targets is U16X3)
+        assert grids[0].gridClass == "fog volume" and openvdb.read(str(path), "density").name == "density"
+        check_openvdb(Expected(case, targets), grids)
+
+
+def check_openvdb(expected, grids):
+    for grid in grids:
+        points = [item for item in grid.iterOnValues()]
+        assert len(points) == grid.activeVoxelCount(), "tiles"
+        cells = np.array([item.min for item in points])
+        world = [grid.transform.indexToWorld(tuple(int(n) for n in cell)) for cell in cells]
+        values = [item.value for item in points]
+        if grid.name == "density":
+            assert set(values) <= {1.0}
+            expected.check(cells, world)
+        else:
+            expected.check(cells, world, values)
 
 
 def binvox(case):
@@ -357,8 +388,9 @@ def beyond_4_gib(name):
 
 READERS = {"vti (VTK)": vti, "nrrd (teem)": nrrd, "nii.gz (nibabel)": nifti, "zarr (python3-zarr)": zarr,
            "ply (meshio)": ply_meshio, "ply (Open3D)": ply_open3d, "glb (gltf-validator, three)": glb_three,
+           "merged.glb (gltf-validator, three)": merged_glb_three,
            "vox (vox-reader, three)": vox, "nvdb (nanovdb_validate)": nvdb,
-           "nvdb (nanovdb_convert, OpenVDB)": nvdb_values,
+           "nvdb (nanovdb_convert, OpenVDB)": nvdb_values, "vdb (OpenVDB)": vdb,
            "binvox (a second reader of our own)": binvox}
 
 
@@ -373,7 +405,8 @@ def main():
     if os.environ.get("VOXELPIPE_THOROUGH_TESTS") == "1":
         jobs += [(f"{name} beyond 4 GiB", beyond_4_gib, name) for name in ("vti", "nii.gz", "zarr")]
     for title, read, argument in jobs:
-        if title.startswith("nvdb") and "nvdb" not in known:
+        name = title.split()[0]
+        if name in ("nvdb", "vdb") and not re.search(rf"\b{name}\b", known):
             print(f"skipped  {title}: this build does not write it")
             continue
         try:

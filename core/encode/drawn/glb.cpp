@@ -1,4 +1,4 @@
-// glTF 2.0, binary: the exposed faces of the solid voxels, with the voxels' colours at shared vertices.
+// glTF 2.0, binary: the exposed faces of the solid voxels, each or merged, with the voxels' colours at shared vertices.
 //
 // Source: Khronos Group, "glTF 2.0 Specification", 2021. Positions count in voxels, which floats hold exactly, and the
 // node places them in the world. There are no normals: viewers then shade each face flat, as glTF has it.
@@ -10,6 +10,7 @@
 #include "absl/container/flat_hash_map.h"
 #include "absl/strings/str_cat.h"
 #include "encode/drawn/exposed_faces.h"
+#include "encode/drawn/merged_faces.h"
 #include "encode/drawn/whole_file.h"
 #include "encode/formats/bytes.h"
 #include "encode/formats/writers.h"
@@ -31,26 +32,46 @@ Colour ColourOf(const Vec3f& linear) {
   return {code(linear.x), code(linear.y), code(linear.z), 65535};
 }
 
+uint64_t BitsOf(const Colour& colour) {
+  uint64_t bits;
+  std::memcpy(&bits, colour.data(), sizeof bits);
+  return bits;
+}
+
 // Corners of faces that are equal in place and colour become one vertex.
 class Surface {
  public:
   explicit Surface(const DrawnResult& drawn) : drawn_(drawn), coloured_(drawn.colours.has_colours()) {}
 
-  // RESOURCE_EXHAUSTED as soon as the file would have more bytes than its header can count.
-  absl::Status Build(const JobContext* job) {
+  // All exposed faces. RESOURCE_EXHAUSTED as soon as the file would have more bytes than its header can count.
+  absl::Status AddFaces(const JobContext* job) {
     const int64_t layers = drawn_.volume.dims()[2];
     for (int64_t k = 0; k < layers; ++k) {
       if (job != nullptr) {
         if (absl::Status s = job->Check(); !s.ok()) return s;
       }
-      VisitFaces(drawn_.volume, k, [&](int64_t i, int64_t j, uint64_t n, int side) { AddFace({i, j, k}, n, side); });
+      VisitFaces(drawn_.volume, k, [&](int64_t i, int64_t j, uint64_t n, int side) {
+        AddRectangle({i, j, k}, {i, j, k}, side, ColourAt(n));
+      });
       if (bytes() > kMaxFileBytes) {
         return absl::ResourceExhaustedError(
             absl::StrCat(".glb counts bytes in 32 bits: after ", k + 1, " of ", layers, " layers the surface has ",
                          bytes(), ", more than ", kMaxFileBytes, "; a lower resolution fits, or .ply, .npz and .nvdb"));
       }
-      corners_[0].swap(corners_[1]);  // the upper corners are the lower ones of the next layer
-      corners_[1].clear();
+      corners_.erase(k);  // no later layer has them
+    }
+    return absl::OkStatus();
+  }
+
+  // The same faces, merged.
+  absl::Status AddMergedFaces(const JobContext* job) {
+    const auto colour_of = [&](uint64_t n) { return BitsOf(ColourAt(n)); };
+    const absl::StatusOr<std::vector<MergedFace>> faces = MergeFaces(drawn_.volume, colour_of, job);
+    if (!faces.ok()) return faces.status();
+    for (const MergedFace& face : *faces) {
+      Colour colour;
+      std::memcpy(colour.data(), &face.colour, sizeof colour);
+      AddRectangle(face.low, face.high, face.side, colour);
     }
     return absl::OkStatus();
   }
@@ -68,16 +89,19 @@ class Surface {
   // x and y of the corner, 32 bits each, and the bits of the colour.
   using Key = std::pair<uint64_t, uint64_t>;
 
-  void AddFace(const std::array<int64_t, 3>& voxel, uint64_t n, int side) {
-    const Colour colour = coloured_ ? ColourOf(drawn_.colours.At(n)) : Colour{};
-    uint64_t bits;
-    std::memcpy(&bits, colour.data(), sizeof bits);
+  Colour ColourAt(uint64_t n) const { return coloured_ ? ColourOf(drawn_.colours.At(n)) : Colour{}; }
+
+  // A side of the voxels from `first` to `last`, both included.
+  void AddRectangle(const std::array<int64_t, 3>& first, const std::array<int64_t, 3>& last, int side,
+                    const Colour& colour) {
+    const uint64_t bits = BitsOf(colour);
     std::array<uint32_t, 4> face;
     for (size_t c = 0; c < 4; ++c) {
-      const auto& offset = kSideCorners[size_t(side)][c];
-      const Key key{uint64_t(voxel[0] + offset[0]) << 32 | uint64_t(voxel[1] + offset[1]), bits};
-      const auto [entry, added] = corners_[offset[2]].try_emplace(key, uint32_t(positions.size() / 3));
-      if (added) AddVertex({voxel[0] + offset[0], voxel[1] + offset[1], voxel[2] + offset[2]}, colour);
+      std::array<int64_t, 3> corner;
+      for (size_t a = 0; a < 3; ++a) corner[a] = kSideCorners[size_t(side)][c][a] == 0 ? first[a] : last[a] + 1;
+      const Key key{uint64_t(corner[0]) << 32 | uint64_t(corner[1]), bits};
+      const auto [entry, added] = corners_[corner[2]].try_emplace(key, uint32_t(positions.size() / 3));
+      if (added) AddVertex(corner, colour);
       face[c] = entry->second;
     }
     for (const size_t c : {0, 1, 2, 0, 2, 3}) indices.push_back(face[c]);
@@ -95,7 +119,7 @@ class Surface {
 
   const DrawnResult& drawn_;
   bool coloured_;
-  std::array<absl::flat_hash_map<Key, uint32_t>, 2> corners_;  // below and above the present layer
+  absl::flat_hash_map<int64_t, absl::flat_hash_map<Key, uint32_t>> corners_;  // vertices by z
 };
 
 ordered_json SceneOf(const GridSpec& grid, const Surface& surface) {
@@ -149,13 +173,10 @@ std::span<const uint8_t> AsBytes(const std::vector<T>& values) {
   return {reinterpret_cast<const uint8_t*>(values.data()), values.size() * sizeof(T)};
 }
 
-absl::Status EncodeGlb(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
-  // A face has six indices and at most four vertices, each with an entry of the table of a layer.
-  constexpr uint64_t kFaceBytes = 6 * sizeof(uint32_t) + 4 * (3 * sizeof(float) + sizeof(Colour));
-  const uint64_t most = std::min(CountFaces(drawn.volume) * kFaceBytes, 2 * kMaxFileBytes);
-  if (absl::Status s = drawn.memory.Grow(most, "a surface:"); !s.ok()) return s;
-  Surface surface(drawn);
-  if (absl::Status s = surface.Build(job); !s.ok()) return s;
+// A face has six indices and at most four vertices.
+constexpr uint64_t kFaceBytes = 6 * sizeof(uint32_t) + 4 * (3 * sizeof(float) + sizeof(Colour));
+
+absl::Status WriteSurface(const DrawnResult& drawn, const Surface& surface, AtomicFile& file, const JobContext* job) {
   std::string json = SceneOf(drawn.result.grid, surface).dump();
   json.resize((json.size() + 3) / 4 * 4, ' ');
   constexpr uint64_t kHeadBytes = 12, kChunkBytes = 8;
@@ -175,10 +196,32 @@ absl::Status EncodeGlb(const DrawnResult& drawn, AtomicFile& file, const JobCont
   return s;
 }
 
+absl::Status EncodeGlb(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
+  const uint64_t most = std::min(CountFaces(drawn.volume) * kFaceBytes, 2 * kMaxFileBytes);
+  if (absl::Status s = drawn.memory.Grow(most, "a surface:"); !s.ok()) return s;
+  Surface surface(drawn);
+  if (absl::Status s = surface.AddFaces(job); !s.ok()) return s;
+  return WriteSurface(drawn, surface, file, job);
+}
+
+absl::Status EncodeMergedGlb(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
+  // At worst nothing merges, and the table of vertices, which lasts to the end, has four entries a face.
+  constexpr uint64_t kEntryBytes = 40;
+  constexpr uint64_t kMergedFaceBytes = sizeof(MergedFace) + kFaceBytes + 4 * kEntryBytes;
+  if (absl::Status s = drawn.memory.Grow(CountFaces(drawn.volume), kMergedFaceBytes, "a surface:"); !s.ok()) return s;
+  Surface surface(drawn);
+  if (absl::Status s = surface.AddMergedFaces(job); !s.ok()) return s;
+  return WriteSurface(drawn, surface, file, job);
+}
+
 }  // namespace
 
 std::unique_ptr<ResultFile> MakeGlbFile(const std::string& path, const JobContext* job) {
   return MakeWholeFile(".glb", path, job, &EncodeGlb);
+}
+
+std::unique_ptr<ResultFile> MakeMergedGlbFile(const std::string& path, const JobContext* job) {
+  return MakeWholeFile(".merged.glb", path, job, &EncodeMergedGlb);
 }
 
 }  // namespace voxelpipe

@@ -1,8 +1,8 @@
-// NanoVDB files: a fog volume "density", and a grid of each target that is not bits.
+// NanoVDB files: the grids of vdb_grids.h.
 //
 // Source: K. Museth, "NanoVDB: A GPU-Friendly and Portable VDB Data Structure For Real-Time Rendering And Simulation",
-// SIGGRAPH Talks 2021; the file format is that of its header-only library, which writes it here. Integer coordinates
-// are the centres of voxels. Not compressed: some readers take nothing else.
+// SIGGRAPH Talks 2021; the file format is that of its header-only library, which writes it here. Not compressed: some
+// readers take nothing else.
 #include <nanovdb/util/GridBuilder.h>
 #include <nanovdb/util/IO.h>
 
@@ -11,8 +11,7 @@
 #include <sstream>
 #include <vector>
 
-#include "absl/strings/str_cat.h"
-#include "encode/drawn/whole_file.h"
+#include "encode/drawn/vdb_grids.h"
 #include "encode/formats/writers.h"
 
 namespace voxelpipe {
@@ -21,81 +20,72 @@ namespace {
 using Handle = nanovdb::GridHandle<nanovdb::HostBuffer>;
 
 nanovdb::Map MapOf(const GridSpec& grid) {
-  const Vec3d &h = grid.voxel_size, &o = grid.origin;
+  const Vec3d &h = grid.voxel_size, first = FirstCentre(grid);
   const double scale[3][3] = {{h.x, 0, 0}, {0, h.y, 0}, {0, 0, h.z}};
   const double inverse[3][3] = {{1 / h.x, 0, 0}, {0, 1 / h.y, 0}, {0, 0, 1 / h.z}};
   nanovdb::Map map;
-  map.set(scale, inverse, nanovdb::Vec3d(o.x + h.x / 2, o.y + h.y / 2, o.z + h.z / 2), 1.0);
+  map.set(scale, inverse, nanovdb::Vec3d(first.x, first.y, first.z), 1.0);
   return map;
 }
 
-// Appends a grid of value(n) at the solid voxels n.
-template <typename Value, typename ValueOf>
-absl::Status AddGrid(const DrawnResult& drawn, const JobContext* job, const std::string& name, nanovdb::GridClass kind,
-                     const ValueOf& value, std::vector<Handle>& grids) {
-  nanovdb::GridBuilder<Value> builder(Value(0.0f), kind);
-  auto accessor = builder.getAccessor();
-  const absl::Status visited = VisitVoxels(drawn.volume, job, [&](int64_t i, int64_t j, int64_t k, uint64_t n) {
-    accessor.setValue(nanovdb::Coord(int(i), int(j), int(k)), value(n));
-  });
-  if (visited.ok()) grids.push_back(builder.getHandle(MapOf(drawn.result.grid), name));
-  return visited;
-}
+class NanoGrids {
+ public:
+  NanoGrids(const DrawnResult& drawn, const JobContext* job) : drawn_(drawn), job_(job) {}
 
-absl::Status AddTarget(const DrawnResult& drawn, const JobContext* job, const PreviewItems& items, size_t target,
-                       std::vector<Handle>& grids) {
-  const TargetSpec& spec = drawn.result.specs[target];
-  const TargetValues values(drawn.result, target, items.count());
-  const std::string name = absl::StrCat("target", target);
-  // Colours as fractions, as readers want them.
-  const float unit = spec.format == VoxelFormat::kU8 && spec.components >= 3 ? 1 / 255.0f : 1;
-  const auto number = [&](uint64_t n, int c) { return values.At(items.Find(n), c) * unit; };
-  int first = 0;  // of the components that have grids of their own
-  absl::Status s;
-  if (spec.components >= 3) {
-    const auto vector = [&](uint64_t n) { return nanovdb::Vec3f(number(n, 0), number(n, 1), number(n, 2)); };
-    s = AddGrid<nanovdb::Vec3f>(drawn, job, name, nanovdb::GridClass::Unknown, vector, grids);
-    first = 3;
+  template <typename ValueOf>
+  absl::Status AddFog(const std::string& name, const ValueOf& value) {
+    return Add<float>(name, nanovdb::GridClass::FogVolume, value);
   }
-  for (int c = first; c < spec.components && s.ok(); ++c) {
-    const std::string own = spec.components == 1 ? name : absl::StrCat(name, "_", c);
-    const auto scalar = [&](uint64_t n) { return number(n, c); };
-    s = AddGrid<float>(drawn, job, own, nanovdb::GridClass::Unknown, scalar, grids);
+  template <typename ValueOf>
+  absl::Status AddScalar(const std::string& name, const ValueOf& value) {
+    return Add<float>(name, nanovdb::GridClass::Unknown, value);
   }
-  return s;
-}
+  template <typename ValueOf>
+  absl::Status AddVector(const std::string& name, const ValueOf& value) {
+    return Add<nanovdb::Vec3f>(name, nanovdb::GridClass::Unknown, [&](uint64_t n) {
+      const std::array<float, 3> v = value(n);
+      return nanovdb::Vec3f(v[0], v[1], v[2]);
+    });
+  }
 
-uint64_t NumbersOf(const VoxelizeResult& result) {
-  uint64_t numbers = 0;
-  for (const TargetSpec& spec : result.specs) {
-    if (spec.format != VoxelFormat::kBit) numbers += uint64_t(spec.components);
+  const std::vector<Handle>& handles() const { return handles_; }
+
+ private:
+  template <typename Value, typename ValueOf>
+  absl::Status Add(const std::string& name, nanovdb::GridClass kind, const ValueOf& value) {
+    nanovdb::GridBuilder<Value> builder(Value(0.0f), kind);
+    auto accessor = builder.getAccessor();
+    const absl::Status visited = VisitVoxels(drawn_.volume, job_, [&](int64_t i, int64_t j, int64_t k, uint64_t n) {
+      accessor.setValue(nanovdb::Coord(int(i), int(j), int(k)), value(n));
+    });
+    if (visited.ok()) handles_.push_back(builder.getHandle(MapOf(drawn_.result.grid), name));
+    return visited;
   }
-  return numbers;
-}
+
+  const DrawnResult& drawn_;
+  const JobContext* job_;
+  std::vector<Handle> handles_;
+};
 
 absl::Status Encode(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
   // The tree of a grid, and the grid made of it: leaves have 512 values, so that a lone voxel costs much.
   constexpr uint64_t kVoxelBytes = 64;
-  const uint64_t numbers = 1 + NumbersOf(drawn.result);
+  const uint64_t numbers = NumbersInGrids(drawn.result);
   if (absl::Status s = drawn.memory.Grow(CountSolid(drawn.volume), kVoxelBytes * numbers, "grids:"); !s.ok()) return s;
-  std::vector<Handle> grids;
-  const auto solid = [](uint64_t) { return 1.0f; };
-  absl::Status s = AddGrid<float>(drawn, job, "density", nanovdb::GridClass::FogVolume, solid, grids);
-  const PreviewItems items(drawn.result);
-  for (size_t t = 0; t < drawn.result.specs.size() && s.ok(); ++t) {
-    if (drawn.result.specs[t].format != VoxelFormat::kBit) s = AddTarget(drawn, job, items, t, grids);
-  }
-  if (!s.ok()) return s;
+  NanoGrids grids(drawn, job);
+  if (absl::Status s = AddGrids(drawn, grids); !s.ok()) return s;
   nanovdb::io::Segment segment(nanovdb::io::Codec::NONE);
-  for (size_t g = 0; g < grids.size(); ++g) {
-    segment.add(grids[g]);
-    segment.meta[g].fileSize = grids[g].size();
+  for (const Handle& handle : grids.handles()) {
+    segment.add(handle);
+    segment.meta.back().fileSize = handle.size();
   }
   std::ostringstream head;
   segment.write(head);
   const std::string text = head.str();
-  s = file.Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, job);
-  for (size_t g = 0; g < grids.size() && s.ok(); ++g) s = file.Write({grids[g].data(), grids[g].size()}, job);
+  absl::Status s = file.Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, job);
+  for (const Handle& handle : grids.handles()) {
+    if (s.ok()) s = file.Write({handle.data(), handle.size()}, job);
+  }
   return s;
 }
 

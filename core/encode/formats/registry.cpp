@@ -42,8 +42,10 @@ std::string NotInBinvox(const ResultHeader& header) {
 }
 
 // Formats that this build could have, and how.
-constexpr std::array<std::pair<std::string_view, std::string_view>, 2> kOptional = {
-    {{".nvdb", "this build was made without NanoVDB (Debian's libnanovdb-dev)"},
+constexpr std::array<std::pair<std::string_view, std::string_view>, 3> kOptional = {
+    {{".vdb",
+      "this build was made without OpenVDB (-DVOXELPIPE_OPENVDB=ON); nanovdb_convert makes one of a .nvdb"},
+     {".nvdb", "this build was made without NanoVDB (Debian's libnanovdb-dev)"},
      {".html", "this build was made without its viewer, which npm brings (-DVOXELPIPE_VIEWER=ON says why)"}}};
 
 const std::vector<OutputFormat>& List() {
@@ -90,6 +92,15 @@ const std::vector<OutputFormat>& List() {
                     .whole = true,
                     .open = &MakeGlbFile,
                     .not_kept = &TargetsNotDrawn});
+    list.push_back({.name = "merged.glb",
+                    .extension = ".merged.glb",
+                    .title = "surface as glTF, faces merged",
+                    .sparse = true,
+                    .buckets = true,
+                    .targets = TargetPlaces::kDrawn,
+                    .whole = true,
+                    .open = &MakeMergedGlbFile,
+                    .not_kept = &TargetsNotDrawn});
     list.push_back({.name = "vox",
                     .extension = ".vox",
                     .title = "MagicaVoxel",
@@ -110,6 +121,9 @@ const std::vector<OutputFormat>& List() {
                     .not_kept = &NotInBinvox});
 #ifdef VOXELPIPE_HAVE_NANOVDB
     list.push_back({.name = "nvdb", .extension = ".nvdb", .title = "NanoVDB", .sparse = true, .open = &MakeNvdbFile});
+#endif
+#ifdef VOXELPIPE_HAVE_OPENVDB
+    list.push_back({.name = "vdb", .extension = ".vdb", .title = "OpenVDB", .sparse = true, .open = &MakeVdbFile});
 #endif
 #ifdef VOXELPIPE_HAVE_VIEWER
     list.push_back(

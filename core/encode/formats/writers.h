@@ -38,6 +38,9 @@ std::unique_ptr<ResultFile> MakeZarrDirectory(const std::string& path, const Job
 std::unique_ptr<ResultFile> MakePlyFile(const std::string& path, const JobContext* job);
 // Any kind: the exposed faces as triangles.
 std::unique_ptr<ResultFile> MakeGlbFile(const std::string& path, const JobContext* job);
+// The same with faces of one colour merged to rectangles: fewer triangles, but their edges need not end at vertices of
+// others, so that renderers may leave single pixels open.
+std::unique_ptr<ResultFile> MakeMergedGlbFile(const std::string& path, const JobContext* job);
 // Any kind: models of up to 256 voxels a side, up to 255 colours.
 std::unique_ptr<ResultFile> MakeVoxFile(const std::string& path, const JobContext* job);
 // Any kind: bits alone, in a cube.
@@ -45,6 +48,8 @@ std::unique_ptr<ResultFile> MakeBinvoxFile(const std::string& path, const JobCon
 // Dense and sparse: a fog volume "density", and of each target that is not bits a grid: Vec3f of the first three
 // components, floats of the others. u8 of 3 or 4 components as fractions.
 std::unique_ptr<ResultFile> MakeNvdbFile(const std::string& path, const JobContext* job);
+// The same grids as MakeNvdbFile, by OpenVDB; only in builds with VOXELPIPE_OPENVDB.
+std::unique_ptr<ResultFile> MakeVdbFile(const std::string& path, const JobContext* job);
 
 // Dense and sparse: a page with a viewer (drawn/html.cpp).
 std::unique_ptr<ResultFile> MakeHtmlFile(const std::string& path, const JobContext* job);
