@@ -1,5 +1,5 @@
-# voxelpipe_embed(TARGET NAME=FILE...): a library with the bytes of each file between the symbols NAME_begin and
-# NAME_end. The assembler reads the files: compilers take long for large arrays.
+# voxelpipe_embed(TARGET NAME=FILE...): adds the bytes of each file to the target, between the symbols NAME_begin and
+# NAME_end. Once a target. The assembler reads the files: compilers take long for large arrays.
 enable_language(ASM)
 function(voxelpipe_embed target)
   set(text ".section .note.GNU-stack,\"\",%progbits\n.section .rodata\n")
@@ -14,8 +14,8 @@ function(voxelpipe_embed target)
     endforeach()
     string(APPEND text "${name}_begin:\n.incbin \"${file}\"\n${name}_end:\n.byte 0\n")
   endforeach()
-  set(source ${CMAKE_CURRENT_BINARY_DIR}/${target}.S)
+  set(source ${CMAKE_CURRENT_BINARY_DIR}/${target}-files.S)
   file(GENERATE OUTPUT ${source} CONTENT "${text}")
-  set_source_files_properties(${source} PROPERTIES OBJECT_DEPENDS "${files}")
-  add_library(${target} STATIC ${source})
+  target_sources(${target} PRIVATE ${source})
+  set_source_files_properties(${source} TARGET_DIRECTORY ${target} PROPERTIES OBJECT_DEPENDS "${files}")
 endfunction()
