@@ -378,11 +378,33 @@ def beyond_4_gib(name):
     elif name == "zarr":
         array = need_module("zarr").open_group(str(path), mode="r")["0"]
         assert array.shape == case.dims[::-1] and array[1099, 2047, 2047] == 1 and array[3, 2, 1] == 1
-    else:
+    elif name == "vti":
         image, to_numpy = vtk_image(path, "vtkXMLImageDataReader")
         values = to_numpy(image.GetCellData().GetArray("target0"))
         assert len(values) == 2048 * 2048 * 1100
         assert values[-1] == 1 and values[1 + 2048 * (2 + 2048 * 3)] == 1 and np.count_nonzero(values) == 2
+    elif name == "nrrd":
+        for cell, value in (((2047, 2047, 1099), 1), ((1, 2, 3), 1), ((0, 0, 0), 0)):
+            corner = [str(n) for n in cell]
+            crop = [need_program("teem-unu"), "crop", "-i", str(path), "-min", *corner, "-max", *corner]
+            cropped = subprocess.run(crop, check=True, capture_output=True).stdout
+            data = subprocess.run(["teem-unu", "data", "-"], input=cropped, check=True, capture_output=True).stdout
+            assert data == bytes([value]), (cell, data)
+    elif name == "ply":
+        points = need_module("meshio").read(path)
+        cells = np.stack([points.point_data[a] for a in "ijk"], -1)
+        assert sorted(map(tuple, cells)) == sorted(map(tuple, case.cells))
+        assert np.allclose(points.points, case.origin + (cells + 0.5) * case.size)
+    else:
+        vdb = path
+        if name == "nvdb":
+            vdb = WORK / f"{case.name}.vdb"
+            subprocess.run([need_program("nanovdb_convert"), "-f", str(path), str(vdb)], check=True, capture_output=True)
+        (grid,) = need_module("pyopenvdb").readAll(str(vdb))[0]
+        cells = [item.min for item in grid.iterOnValues()]
+        assert sorted(cells) == sorted(map(tuple, case.cells))
+        world = [grid.transform.indexToWorld(cell) for cell in cells]
+        assert np.allclose(world, case.origin + (np.array(cells) + 0.5) * case.size)
     shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
@@ -403,9 +425,10 @@ def main():
     ran, failed = 0, 0
     jobs = [(f"{name}: {case.name}", read, case) for name, read in READERS.items() for case in cases]
     if os.environ.get("VOXELPIPE_THOROUGH_TESTS") == "1":
-        jobs += [(f"{name} beyond 4 GiB", beyond_4_gib, name) for name in ("vti", "nii.gz", "zarr")]
+        large = ("vti", "nrrd", "nii.gz", "zarr", "ply", "nvdb", "vdb")
+        jobs += [(f"{name} beyond 4 GiB", beyond_4_gib, name) for name in large]
     for title, read, argument in jobs:
-        name = title.split()[0]
+        name = title.split()[0]  # of the format
         if name in ("nvdb", "vdb") and not re.search(rf"\b{name}\b", known):
             print(f"skipped  {title}: this build does not write it")
             continue
