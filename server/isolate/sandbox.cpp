@@ -71,7 +71,7 @@ int AddRules(scmp_filter_ctx filter) {
   // Its flags are in memory, which a filter cannot read; after the error glibc calls clone.
   if (const int error = seccomp_rule_add(filter, SCMP_ACT_ERRNO(ENOSYS), SCMP_SYS(clone3), 0); error != 0) return error;
   // abort() sends a signal to this process itself.
-  const scmp_arg_cmp self = SCMP_A0(SCMP_CMP_EQ, uint64_t(getpid()));
+  const scmp_arg_cmp self = SCMP_A0(SCMP_CMP_EQ, uint64_t(getpid()), 0);
   if (const int error = seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(tgkill), 1, self); error != 0) return error;
   // abort() restores the default action.
   return seccomp_rule_add(filter, SCMP_ACT_ALLOW, SCMP_SYS(rt_sigaction), 0);

@@ -82,6 +82,10 @@ class BodyReader {
                                                   : SkipElement(element);
       if (!bad.ok()) return bad;
     }
+    if (const std::string unread = values_.Unread(); !unread.empty()) {
+      warnings_.Add(WarningCode::kCountMismatch, "",
+                    absl::StrCat(unread, " belong to no element and are ignored; the header may not fit the data"));
+    }
     if (header_.names_texture) {
       warnings_.Add(WarningCode::kExtensionIgnored, "", "the comment TextureFile is ignored: PLY has no textures");
     }

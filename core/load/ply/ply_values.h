@@ -40,6 +40,8 @@ class TextValues {
     if (word_.empty()) return "the file ends";
     return absl::StrCat("line ", words_.line(), ": ", Quote(word_), " is no number of its type");
   }
+  // What no element took, for a warning; empty if nothing is left.
+  std::string Unread() { return Next().empty() ? "" : absl::StrCat("the lines from ", words_.line(), " on"); }
   // The largest number of values that the rest may have.
   uint64_t left() const { return words_.left() / 2 + 1; }
   static constexpr uint64_t CostOf(Type) { return 1; }
@@ -93,6 +95,7 @@ class BinaryValues {
   }
 
   std::string Fault() const { return "the file ends"; }
+  std::string Unread() const { return left() == 0 ? "" : absl::StrCat("the last ", left(), " bytes"); }
   uint64_t left() const { return bytes_.size() - at_; }
   static constexpr uint64_t CostOf(Type type) { return SizeOf(type); }
 

@@ -180,6 +180,23 @@ TEST(PlyTest, FacesOfFewCornersAndColorsOfFacesGiveWarnings) {
   EXPECT_THAT(testing::Lines(colors->warnings), ElementsAre("face: the property 'red' of faces is ignored"));
 }
 
+// A header that lacks a property leaves bytes behind, and what was read before them is something else.
+TEST(PlyTest, DataThatNoElementTakesGivesAWarning) {
+  const absl::StatusOr<Scene> text = LoadText(PlySquare("1", "3 0 1 2\n3 0 2 3\n"));
+  ASSERT_TRUE(text.ok()) << text.status();
+  EXPECT_THAT(
+      testing::Lines(text->warnings),
+      ElementsAre("the lines from 16 on belong to no element and are ignored; the header may not fit the data"));
+  std::string file = "ply\nformat binary_little_endian 1.0\nelement vertex 3\n" + std::string(kPlyXyz) +
+                     "element face 1\n" + kPlyFaces + "end_header\n";
+  for (const float value : {0, 0, 0, 1, 0, 0, 0, 1, 0}) Put(file, value, false);
+  Put(file, uint8_t{3}, false);
+  for (const int index : {0, 1, 2}) Put(file, index, false);
+  EXPECT_THAT(LoadText(file)->warnings.kept(), IsEmpty());
+  EXPECT_THAT(testing::Lines(LoadText(file + std::string(5, 'x'))->warnings),
+              ElementsAre("the last 5 bytes belong to no element and are ignored; the header may not fit the data"));
+}
+
 TEST(PlyTest, FacesMayComeBeforeVertices) {
   const std::string text = "ply\nformat ascii 1.0\nelement face 1\n" + std::string(kPlyFaces) + "element vertex 3\n" +
                            kPlyXyz + "end_header\n3 0 1 2\n0 0 0\n1 0 0\n0 1 0";
