@@ -118,6 +118,7 @@ class PartReader {
     if (name == "vertex") return Vertex(attributes);
     if (name == "triangle") return AddTriangle(attributes);
     if (name == "object") return BeginObject(attributes);
+    if (name == "mesh") BeginMesh();
     if (name == "component" || name == "item") return AddReference(name == "item", attributes);
     if (name == "basematerials") return BeginGroup(PropertyGroup::Kind::kMaterials, attributes);
     if (name == "colorgroup") return BeginGroup(PropertyGroup::Kind::kColors, attributes);
@@ -163,7 +164,18 @@ class PartReader {
     object_->group = group->value_or(Triangle::kNone);
     object_->property = property->value_or(0);
     object_->line = xml_.line();
+    mesh_begin_ = 0;
     return absl::OkStatus();
+  }
+
+  // Objects have one mesh; some exporters write several, each with indices of its own.
+  void BeginMesh() {
+    if (object_ == nullptr) return;
+    mesh_begin_ = object_->vertices.size();
+    if (mesh_begin_ > 0) {
+      warnings_.Add(WarningCode::kNonconformingFile, absl::StrCat(part_.name, ", line ", xml_.line()),
+                    absl::StrCat("another mesh in object ", object_->id, ", which may have one; it is added"));
+    }
   }
 
   absl::Status Vertex(const Attributes& attributes) {
@@ -188,10 +200,11 @@ class PartReader {
     for (size_t i = 0; i < 3; ++i) {
       const absl::StatusOr<int64_t> vertex = NeededId(attributes, kVertices[i]);
       if (!vertex.ok()) return vertex.status();
-      if (uint64_t(*vertex) >= object_->vertices.size()) {
-        return Bad("vertex ", *vertex, " does not exist: object ", object_->id, " has ", object_->vertices.size());
+      const uint64_t of_mesh = object_->vertices.size() - mesh_begin_;
+      if (uint64_t(*vertex) >= of_mesh) {
+        return Bad("vertex ", *vertex, " does not exist: object ", object_->id, " has ", of_mesh);
       }
-      triangle.vertices[i] = uint32_t(*vertex);
+      triangle.vertices[i] = uint32_t(mesh_begin_ + uint64_t(*vertex));
     }
     const absl::StatusOr<std::optional<int64_t>> group = Id(attributes, "pid"), first = Id(attributes, "p1");
     if (!group.ok()) return group.status();
@@ -291,6 +304,7 @@ class PartReader {
   ModelPart part_;
   Object* object_ = nullptr;        // the one that is being read
   PropertyGroup* group_ = nullptr;  // likewise
+  uint64_t mesh_begin_ = 0;         // the first vertex of the mesh that is being read
   std::vector<std::string> ignored_;
   uint64_t vertices_ = 0, triangles_ = 0;
   bool is_model_ = false, warned_of_colors_ = false;

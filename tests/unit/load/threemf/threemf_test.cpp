@@ -140,6 +140,26 @@ TEST(ThreemfTest, WarnsOfWhatItIgnores) {
   EXPECT_EQ(no_build->meshes.size(), 1u);
 }
 
+// As some exporters write them: the second mesh's indices count from its own vertices.
+TEST(ThreemfTest, SeveralMeshesOfAnObjectAreAddedWithAWarning) {
+  const std::string mesh = std::string("<mesh>") + k3mfVertices + "<triangles><triangle v1=\"0\" v2=\"1\" v3=\"2\"/>";
+  const std::string other = std::string("</triangles></mesh>\n<mesh>") +
+                            "<vertices><vertex x=\"1\" y=\"2\" z=\"30\"/><vertex x=\"40\" y=\"2\" z=\"30\"/>"
+                            "<vertex x=\"1\" y=\"50\" z=\"30\"/></vertices><triangles>";
+  const auto file = [&](const std::string& triangle) {
+    return Model("<object id=\"1\">" + mesh + other + triangle + "</triangles></mesh></object>", k3mfItem);
+  };
+  const absl::StatusOr<Scene> scene = LoadText(file(k3mfTriangle));
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_THAT(Lines(scene->warnings), ElementsAre("3D/3dmodel.model, line 6: another mesh in object 1, which may have "
+                                                  "one; it is added"));
+  const std::vector<Vec3f> corners = testing::CornersOf(*scene);
+  ASSERT_EQ(corners.size(), 6u);
+  EXPECT_EQ(corners[4], (Vec3f{40, 2, 30}));
+  EXPECT_THAT(ErrorOf(file("<triangle v1=\"0\" v2=\"1\" v3=\"3\"/>")),
+              HasSubstr("vertex 3 does not exist: object 1 has 3"));
+}
+
 TEST(ThreemfTest, RefusesMalformedModels) {
   const std::string place = "3MF: 3D/3dmodel.model, line ";
   EXPECT_EQ(ErrorOf(Model(ObjectOf(1, "<triangle v1=\"0\" v2=\"1\" v3=\"4\"/>"), k3mfItem)),
