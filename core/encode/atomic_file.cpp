@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "absl/strings/cord.h"
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "encode/output_path.h"
 
@@ -67,11 +68,19 @@ absl::Status AsOutputError(absl::Status status) {
 }
 
 absl::Status OutputError(int error, const std::string& what) {
-  return AsOutputError(absl::ErrnoToStatus(error, what));
+  absl::Status status = absl::ErrnoToStatus(error, what);
+  status.SetPayload(kOutputUrl, absl::Cord(absl::StrCat(error)));
+  return status;
 }
 
 bool IsOutputError(const absl::Status& status) {
   return status.GetPayload(kOutputUrl).has_value();
+}
+
+int OutputErrno(const absl::Status& status) {
+  const absl::optional<absl::Cord> payload = status.GetPayload(kOutputUrl);
+  int number = 0;
+  return payload && absl::SimpleAtoi(std::string(*payload), &number) ? number : 0;
 }
 
 absl::StatusOr<AtomicFile> AtomicFile::Create(const std::string& path, const JobContext* job) {

@@ -63,5 +63,7 @@ absl::Status OutputError(int error, const std::string& what);
 absl::Status AsOutputError(absl::Status status);
 // True if an error is about writing a file, not about its contents.
 bool IsOutputError(const absl::Status& status);
+// The number of errno of such an error; 0 where it has none.
+int OutputErrno(const absl::Status& status);
 
 }  // namespace voxelpipe

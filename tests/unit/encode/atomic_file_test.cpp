@@ -151,6 +151,9 @@ TEST(AtomicFile, AnErrorOfWritingIsKnownAsOne) {
   const TemporaryDirectory directory;
   EXPECT_TRUE(IsOutputError(AtomicFile::Create(directory / "missing/a.raw").status()));
   EXPECT_FALSE(IsOutputError(absl::InvalidArgumentError("other")));
+  EXPECT_EQ(OutputErrno(AtomicFile::Create(directory / "missing/a.raw").status()), ENOENT);
+  EXPECT_EQ(OutputErrno(absl::NotFoundError("other")), 0);
+  EXPECT_EQ(OutputErrno(AsOutputError(absl::NotFoundError("other"))), 0);
 }
 
 TEST(AtomicFile, StopsWithTheJob) {
