@@ -1,5 +1,6 @@
-// voxelpipe_core._core: runs requests in this process. Speaks the service's messages, so that the package voxelpipe
-// reads requests, results, summaries and errors by the same code as those of a server.
+// voxelpipe_core._core: runs requests in this process, and writes files of results (files.h). Speaks the service's
+// messages, so that the package voxelpipe reads requests, results, summaries and errors by the same code as those of a
+// server.
 #include <pybind11/functional.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -9,9 +10,7 @@
 
 #include <algorithm>
 #include <chrono>
-#include <condition_variable>
 #include <memory>
-#include <mutex>
 #include <new>
 #include <optional>
 #include <span>
@@ -20,34 +19,21 @@
 #include <vector>
 
 #include "absl/strings/str_cat.h"
-#include "job_threads.h"
+#include "call.h"
+#include "files.h"
 #include "load/load_mesh.h"
 #include "mesh/report.h"
 #include "pipeline/voxelize.h"
 #include "shaders/catalog.h"
 #include "wire/request.h"
 #include "wire/response.h"
-#include "wire/status.h"
 
 namespace py = pybind11;
 
 namespace voxelpipe {
 namespace {
 
-constexpr std::chrono::milliseconds kPoll{20};  // between two looks for Ctrl-C
-constexpr char kUnused[] = "dltensor";          // DLPack's name of a capsule that no consumer has taken yet
-
-// The Python exception voxelpipe_core.Failed: one argument, a google.rpc.Status as bytes.
-py::object& FailedType() {
-  static auto* const type = new py::object();  // never destroyed: the interpreter ends first
-  return *type;
-}
-
-[[noreturn]] void Throw(const absl::Status& status) {
-  const grpc::Status with_details = ToGrpcStatus(status);
-  PyErr_SetObject(FailedType().ptr(), py::bytes(with_details.error_details()).ptr());
-  throw py::error_already_set();
-}
+constexpr char kUnused[] = "dltensor";  // DLPack's name of a capsule that no consumer has taken yet
 
 struct Outcome {
   VoxelizeResult result;
@@ -187,31 +173,7 @@ py::tuple Run(const std::string& config_bytes, const py::buffer& mesh, std::opti
   }
 
   absl::StatusOr<Outcome> outcome = absl::UnknownError("the job did not run");
-  bool interrupted = false;
-  {
-    const py::gil_scoped_release no_gil;
-    std::mutex mutex;
-    std::condition_variable ended;
-    bool done = false;
-    RunOnJobThread([&] { outcome = Voxelize(*config, file, job, on_device); },
-                   [&] {
-                     const std::lock_guard lock(mutex);
-                     done = true;
-                     ended.notify_one();
-                   });
-    std::unique_lock lock(mutex);
-    while (!ended.wait_for(lock, kPoll, [&] { return done; })) {
-      if (interrupted) continue;
-      lock.unlock();
-      {
-        const py::gil_scoped_acquire gil;
-        interrupted = PyErr_CheckSignals() != 0;
-      }
-      if (interrupted) job.Cancel();
-      lock.lock();
-    }
-  }
-  if (interrupted) throw py::error_already_set();
+  RunInterruptible(job, [&] { outcome = Voxelize(*config, file, job, on_device); });
   if (raised) throw std::move(*raised);
   if (!outcome.ok()) Throw(outcome.status());
   return Answer(*std::move(outcome));
@@ -241,4 +203,7 @@ PYBIND11_MODULE(_core, module) {
   module.def("run", &voxelpipe::Run, py::arg("config"), py::arg("mesh"), py::arg("timeout"), py::arg("progress"),
              py::arg("on_device") = false);
   module.def("shaders", &voxelpipe::Shaders);
+  module.def("formats", &voxelpipe::Formats);
+  module.def("not_kept", &voxelpipe::NotKept, py::arg("config"), py::arg("header"), py::arg("path"));
+  module.def("write", &voxelpipe::WriteFile, py::arg("config"), py::arg("header"), py::arg("arrays"), py::arg("path"));
 }

@@ -17,13 +17,13 @@ import numpy
 import pytest
 
 import voxelpipe
-from voxelpipe._calls import in_process
+from voxelpipe._calls import core_module
 from voxelpipe.local_server import LocalServer
 
 from . import shapes
 from .test_processes import environment
 
-pytestmark = pytest.mark.skipif(not in_process.available(), reason="voxelpipe_core is not installed")
+pytestmark = pytest.mark.skipif(not core_module.available(), reason="voxelpipe_core is not installed")
 
 REQUESTS = [
     {"resolution": 40},
@@ -227,13 +227,13 @@ def test_a_forked_child_takes_a_server(tmp_path: pathlib.Path) -> None:
     process = script(
         """
         import os, voxelpipe
-        from voxelpipe._calls import in_process
+        from voxelpipe._calls import core_module
         from client_tests import shapes
         first = voxelpipe.voxelize(shapes.TETRAHEDRON, resolution=12)
-        assert in_process.available()
+        assert core_module.available()
         child = os.fork()
         if child == 0:
-            assert not in_process.available()
+            assert not core_module.available()
             same = voxelpipe.voxelize(shapes.TETRAHEDRON, resolution=12) == first
             voxelpipe.shutdown()
             os._exit(0 if same else 3)

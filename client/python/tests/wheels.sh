@@ -31,4 +31,4 @@ awk '/^```python$/ {inside = 1; next} /^```$/ {if (inside) exit} inside' "$here/
 unset VOXELPIPE_SERVER VOXELPIPE_VOXELPIPED VOXELPIPE_CORE_PACKAGE
 PATH=/usr/bin:/bin "$work/venv/bin/python" first.py
 [[ "$(head -c 4 bunny.png | tail -c 3)" == PNG ]] || { echo "wheels.sh: no picture" >&2; exit 1; }
-"$work/venv/bin/python" -c 'import voxelpipe._calls.in_process as here; assert here.available()'
+"$work/venv/bin/python" -c 'from voxelpipe._calls import core_module; assert core_module.available()'

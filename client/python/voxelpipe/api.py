@@ -6,12 +6,11 @@ import threading
 from typing import Any, Sequence
 
 from . import names
-from ._calls import in_process
+from ._calls import core_module, in_process
 from ._calls.session import Job, Progress
 from ._mesh.forms import MeshLike, load_mesh
 from .client import Client, MeshHandle
 from .device import DeviceGrid
-from .errors import MissingPackage
 from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
 from .place import GridPlace
@@ -137,7 +136,7 @@ def voxelize(
     )
     timeout = checked_timeout(timeout)
     inside = server is None and not os.environ.get("VOXELPIPE_SERVER") and not isinstance(mesh, MeshHandle)
-    if inside and in_process.available():
+    if inside and core_module.available():
         return in_process.run(Job(request, load_mesh(mesh)), timeout, progress)
     client = server if isinstance(server, Client) else default_client(server or "")
     return client.voxelize_request(mesh, request, timeout=timeout, progress=progress)
@@ -155,8 +154,7 @@ def voxelize_on_device(
     CUDA. Errors: those of voxelize(); NotAvailable if there is no GPU, or the result is sparse, bucketed or too large
     to be made in one slab; MissingPackage without voxelpipe_core.
     """
-    if not in_process.available():
-        raise MissingPackage("voxelize_on_device: needs the package voxelpipe_core", package="voxelpipe_core")
+    core_module.needed("voxelize_on_device")
     request = make_request(backend="cuda", **options)
     return in_process.run_on_device(Job(request, load_mesh(mesh)), checked_timeout(timeout), progress)
 

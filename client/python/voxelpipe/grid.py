@@ -49,6 +49,8 @@ class VoxelGrid:
     packed_bits: bool
     warnings: tuple[MeshWarning, ...]
     summary: Summary
+    _config: bytes  # the request's VoxelizeConfig and the ResultHeader, for writers of files
+    _header: bytes
 
     # ---- arrays ----
 
@@ -228,6 +230,15 @@ class VoxelGrid:
                 digest.update(numpy.packbits(flat[at : at + _HASH_VOXELS], bitorder="little").data)
         return digest.hexdigest()
 
+    def _streamed(self) -> list[Array]:
+        """All arrays in stream order as flat bytes, without a copy but of bits, which become eight a byte."""
+        arrays = [array.reshape(-1).view(numpy.uint8) for array in self.lists.values()]
+        for target in self.targets:
+            flat = self.stored[target.name].reshape(-1)
+            plain = target.format != "bit" or self.packed_bits
+            arrays.append(flat.view(numpy.uint8) if plain else numpy.packbits(flat, bitorder="little"))
+        return arrays
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, VoxelGrid):
             return NotImplemented
@@ -311,11 +322,24 @@ class VoxelGrid:
         return convert.to_napari(self, name)
 
     def save(self, path: "str | os.PathLike[str]") -> None:
-        """Writes a file; the extension decides: .npy, .npz, .raw (with .raw.json) or .png."""
+        """Writes a file; the extension decides its format. It appears under its name when it is complete.
+
+        .npy and .raw (with .raw.json) hold one target of a dense result, .npz all by their names, .png the picture of
+        notebooks. With the package voxelpipe-core it writes all formats of the command line (client/README.md), the
+        same bytes; these name targets "target0", "target1", ... in their order.
+
+        Warns (UserWarning) of what a format does not keep. Errors: ValueError for an extension that is none, and for a
+        format that cannot hold this result; with strict=True in the request, for what would be a warning;
+        MissingPackage without voxelpipe-core; TooLarge; OSError. Ctrl-C ends it. After an error there is no file.
+        """
         save.save(self, path)
 
     def show(self) -> None:
-        """Shows size, place and picture: in a notebook there, else as a page in the browser."""
+        """Shows the result: in a notebook size, place and picture; else as a page in the browser.
+
+        The page is the viewer of .html files (see save()) if voxelpipe-core is installed and the result is not buckets,
+        else size, place and picture. It stays in the folder of temporary files.
+        """
         picture.show(self)
 
     def _repr_png_(self) -> bytes:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import TYPE_CHECKING, Any, Mapping, Sequence, Union, get_args
 
@@ -31,6 +32,12 @@ class Request:
     targets: tuple[Target, ...]
     packed_bits: bool = False
     content_hash: bool = False
+
+    @functools.cached_property
+    def encoded(self) -> bytes:
+        """The config as bytes."""
+        encoded: bytes = self.config.SerializeToString()
+        return encoded
 
     def small_result(self, limit_bytes: int) -> bool:
         """True if the result can only be at most this large: a dense one of a bounded grid."""

@@ -2,6 +2,6 @@
 
 It speaks the messages of the service as bytes; programs use voxelpipe.voxelize().
 """
-from ._core import DeviceBuffer, Failed, run, shaders
+from ._core import DeviceBuffer, Failed, formats, not_kept, run, shaders, write
 
-__all__ = ["DeviceBuffer", "Failed", "run", "shaders"]
+__all__ = ["DeviceBuffer", "Failed", "formats", "not_kept", "run", "shaders", "write"]

@@ -91,6 +91,7 @@ class ResultReader:
         self._report = report
         self._place: GridPlace | None = None
         self._kind = ""
+        self._header = b""
         self._names: list[str] = []
         self._arrays: list[_Destination] = []
         self._array = self._offset = self._received = self._total = 0
@@ -180,6 +181,8 @@ class ResultReader:
             packed_bits=self._request.packed_bits,
             warnings=read_warnings(summary),
             summary=Summary.of(summary, self._request_id),
+            _config=self._request.encoded,
+            _header=self._header,
         )
 
     def _add_header(self, header: service.ResultHeader) -> None:
@@ -208,6 +211,7 @@ class ResultReader:
                 limit_bytes=self._max_result_bytes,
             )
         self._place = place
+        self._header = header.SerializeToString()
         return specs
 
     def _expected(self, header: service.ResultHeader, place: GridPlace) -> list[tuple[str, tuple[int, ...]]]:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import base64
 import html as html_text
+import os
 import struct
 import sys
 import tempfile
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy
 import numpy.typing
+
+from . import save
 
 if TYPE_CHECKING:
     from ..grid import VoxelGrid
@@ -172,6 +175,14 @@ def show(grid: "VoxelGrid") -> None:
         if get_ipython() is not None:
             display.display(display.HTML(html(grid)))
             return
+    viewer = save.has_viewer(grid)
     with tempfile.NamedTemporaryFile("w", encoding="utf-8", prefix="voxelpipe-", suffix=".html", delete=False) as file:
-        file.write(_PAGE.format(html(grid)))
+        if not viewer:
+            file.write(_PAGE.format(html(grid)))
+    if viewer:
+        try:
+            save.save(grid, file.name)
+        except BaseException:
+            os.unlink(file.name)
+            raise
     webbrowser.open(f"file://{file.name}")

@@ -4,28 +4,75 @@ from __future__ import annotations
 import json
 import os
 import pathlib
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy
 
+from .._calls import core_module
+from ..report import MeshWarning
+
 if TYPE_CHECKING:
     from ..grid import VoxelGrid
 
-_EXTENSIONS = (".npy", ".npz", ".raw", ".png")
+# Written here, with or without voxelpipe_core, so that a file is the same on every machine; an .npz has the targets by
+# the names that the caller gave them, which the core does not know.
+_OWN = (".npy", ".npz", ".raw", ".png")
 
 
 def save(grid: "VoxelGrid", path: "str | os.PathLike[str]") -> None:
-    """See VoxelGrid.save. The file appears under its name when it is complete. Errors: ValueError, OSError."""
+    """See VoxelGrid.save."""
     target = pathlib.Path(path)
-    kind = target.suffix.lower()
-    if kind not in _EXTENSIONS:
-        raise ValueError(f"{target}: the extension is none of {', '.join(_EXTENSIONS)}")
+    kind = _extension(target)
+    if kind not in _OWN:
+        _save_by_core(grid, target, kind)
+        return
     if kind in (".npy", ".raw") and (grid.kind != "dense" or len(grid.targets) != 1):
         raise ValueError(f"{target}: {kind} holds one target of a dense result; .npz holds all")
     if kind == ".raw":
         description = json.dumps(_description(grid), indent=2) + "\n"
         _write(pathlib.Path(f"{target}.json"), lambda file: file.write(description.encode()))
     _write(target, lambda file: _fill(grid, kind, file))
+
+
+def _formats() -> list[dict[str, Any]]:
+    """The core's registry of formats; empty without the core."""
+    listed: list[dict[str, Any]] = core_module.core.formats() if core_module.available() else []
+    return listed
+
+
+def _extension(path: pathlib.Path) -> str:
+    """The longest extension of a format that ends the name, else what follows its last dot; lower case.
+
+    Errors: ValueError if there is none.
+    """
+    extension = path.suffix.lower()
+    if extension in _OWN:  # without a look at the core, which it would load
+        return extension
+    known = [*_OWN, *(one["extension"] for one in _formats() if one["extension"] not in _OWN)]
+    name = path.name.lower()
+    extension = max((one for one in known if name.endswith(one) and name != one), key=len, default=extension)
+    if not extension:
+        raise ValueError(f"{path}: has no extension; expected one of {', '.join(known)}")
+    return extension
+
+
+def _save_by_core(grid: "VoxelGrid", path: pathlib.Path, kind: str) -> None:
+    core = core_module.needed(f"{path}: the extension is none of {', '.join(_OWN)}; every other format")
+    described = grid._config, grid._header
+    name = os.fsencode(path)
+    try:
+        lost = core.not_kept(*described, name)
+        if lost:  # before the file is there: the caller may have made an error of it
+            warnings.warn(str(MeshWarning("not_kept", kind, lost)), stacklevel=4)
+        core.write(*described, grid._streamed(), name)
+    except core.Failed as failed:
+        raise core_module.error_of(failed) from None
+
+
+def has_viewer(grid: "VoxelGrid") -> bool:
+    """True if an .html of this result can be saved here."""
+    return any(one["extension"] == ".html" and grid.kind in one["kinds"] for one in _formats())
 
 
 def _write(path: pathlib.Path, fill: Any) -> None:
