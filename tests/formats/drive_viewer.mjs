@@ -26,7 +26,7 @@ try {
   if (state.state === 'ready') {
     const canvas = await page.$('canvas');
     const shot = async (name, element = page) => {
-      await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+      await page.evaluate(() => window.viewer.still());
       fs.writeFileSync(`${prefix}-${name}.png`, await element.screenshot());
     };
     await shot('view', canvas);
@@ -40,17 +40,39 @@ try {
       input.value = v;
       input.dispatchEvent(new Event('input'));
     }, value);
-    const most = await page.$eval('input[aria-label="x shown up to"]', (input) => Number(input.max));
-    await slide('x shown up to', Math.ceil(most / 2));
+    const most = await page.$$eval('input[type=range]', (inputs) => inputs.map((input) => Number(input.max)));
+    await slide('x shown up to', Math.ceil(most[1] / 2));
     await shot('slice', canvas);
-    await slide('x shown up to', most);
+    await slide('x shown up to', most[1]);
+    // A cut of each side, seen from there: what lies under points of the picture.
+    const views = [[-60, 20], [60, 20], [30, -60], [30, 60], [150, 20], [30, 20]];
+    const across = Number(state.faces) < 100_000 ? 32 : 4;
+    seen.cuts = [];
+    for (const [side, view] of views.entries()) {
+      const name = 'xyz'[side >> 1], size = most[side | 1];
+      const [label, at, back] = side % 2 ? [`${name} shown up to`, Math.floor(0.4 * size), size]
+        : [`first ${name} shown`, Math.floor(0.6 * size), 0];
+      await slide(label, at);
+      await page.evaluate((azimuth, elevation) => window.viewer.setView(azimuth, elevation), ...view);
+      await shot(`cut${side}`, canvas);
+      const points = await page.evaluate((n, width, height) => Array.from({length: n * n}, (_, i) => {
+        const [x, y] = [(i % n + 0.5) / n * width, (Math.floor(i / n) + 0.5) / n * height].map(Math.floor);
+        return [x, y, window.viewer.pick(x + 0.5, y + 0.5)];
+      }), across, box.width, box.height);
+      const legend = await page.$eval('.voxels-cut', (line) => (line.hidden ? '' : line.textContent));
+      await slide(label, back);
+      seen.cuts.push({layer: side % 2 ? at - 1 : at, points, legend});
+    }
+    seen.legend = await page.$eval('.voxels-cut', (line) => (line.hidden ? '' : line.textContent));
+    await page.evaluate(() => window.viewer.setView(30, 20));
     seen.choices = await page.$$eval('select option', (options) => options.map((option) => option.textContent));
     await page.select('select', '-1');
     await shot('plain', canvas);
     await canvas.focus();
     await page.keyboard.press('ArrowLeft');
     await shot('turned', canvas);
-    seen.frame_ms = await page.evaluate(() => [0, 1, 2].map(() => window.viewer.frameMs()));
+    seen.frame_ms = await page.evaluate(() => [2, 0.5].map((ratio) =>
+      Math.min(...[0, 1, 2].map(() => window.viewer.frameMs(ratio)))));
     await page.setViewport({width: 390, height: 844});
     await shot('phone');
     seen.too_wide = await page.evaluate(() => document.documentElement.scrollWidth > window.innerWidth);

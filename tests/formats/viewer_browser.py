@@ -20,6 +20,7 @@ import npm_packages  # noqa: E402
 
 BROWSERS = ("chromium-headless-shell", "chromium")
 RED = ["--target", "f32x3:replace:shader=constant,value=1/0/0"]
+BACKGROUND = np.array([233, 237, 241])
 MIN_OVERLAP = 0.98  # of the two silhouettes, intersection over union
 
 
@@ -48,7 +49,8 @@ def drive(modules, browser, name):
     assert seen["problems"] == [] and seen["requests"] == [], seen
     assert seen["state"] == "ready" and seen["webgl"] == "2", seen
     assert not seen["too_wide"], "a phone has to scroll sideways"
-    print(f"{name}: {seen['faces']} faces, a frame in {min(seen['frame_ms']):.0f} ms")
+    print(f"{name}: {seen['faces']} faces, a frame in {seen['frame_ms'][0]:.0f} ms, "
+          f"{seen['frame_ms'][1]:.0f} ms while it moves")
     return seen
 
 
@@ -62,13 +64,53 @@ def silhouette(image):
     """The largest red area, cut out and 400 x 400 pixels large."""
     from scipy import ndimage
 
-    labels, count = ndimage.label(image[..., 0] > image[..., 1] + 40)
+    labels, count = ndimage.label(is_red(image))
     assert count > 0, "nothing red"
     largest = labels == 1 + np.argmax(ndimage.sum(labels > 0, labels, range(1, count + 1)))
     rows, columns = np.nonzero(largest.any(1))[0], np.nonzero(largest.any(0))[0]
     cut = largest[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
     pick = [np.arange(400) * size // 400 for size in cut.shape]
     return cut[np.ix_(*pick)]
+
+
+def is_red(image):
+    return image[..., 0] > image[..., 1] + 40
+
+
+def is_cut(image):
+    """The colours of the inside: yellowish grey, which neither a red surface nor the bluish background is."""
+    return (image[..., 0] - image[..., 1] < 20) & (image[..., 0] > image[..., 2])
+
+
+def check_cuts(seen, prefix, mask=None):
+    """What the cursor finds is what the picture shows, on the cuts of all six sides; and what `mask` has, if given."""
+    from scipy import ndimage
+
+    assert seen["legend"] == "" and len(seen["cuts"]) == 6, seen["legend"]
+    for side, cut in enumerate(seen["cuts"]):
+        image = picture(WORK / f"{prefix}-cut{side}.png")
+        background = abs(image - BACKGROUND).sum(-1) < 30
+        if mask is not None:
+            shut = ndimage.binary_erosion(ndimage.binary_fill_holes(~background), iterations=4)
+            assert not (shut & background).any(), f"side {side}: holes in the surface"
+        agree, inside = 0, 0
+        for x, y, text in cut["points"]:
+            if not text:
+                agree += background[y, x]
+                continue
+            is_inside = text.endswith(" · inside")
+            inside += is_inside
+            agree += is_cut(image[y, x]) if is_inside else not background[y, x] and not is_cut(image[y, x])
+            if mask is None:
+                continue
+            cell = [int(n) for n in re.match(r"voxel (\d+), (\d+), (\d+) ", text).groups()]
+            around = [np.array(cell) + way * np.eye(3, dtype=int)[axis] for axis in range(3) for way in (-1, 1)]
+            padded = np.pad(mask, 1)
+            solid = [padded[k + 1, j + 1, i + 1] for i, j, k in [cell, *around]]
+            assert solid[0] and all(solid) == is_inside, f"side {side}: {text}"
+            assert not is_inside or cell[side // 2] == cut["layer"], f"side {side}: {text} is not on the cut"
+        assert inside >= 8 and "inside" in cut["legend"], f"side {side}: {inside} points inside, {cut['legend']}"
+        assert agree >= 0.98 * len(cut["points"]), f"side {side}: {agree} of {len(cut['points'])} points agree"
 
 
 def check_view(modules, browser):
@@ -102,9 +144,10 @@ def check_view(modules, browser):
                 for axis in range(3) for way in (-1, 1))
     assert int(seen["faces"]) == faces, (seen["faces"], faces)
 
+    check_cuts(seen, "boxes", mask)
+
     def red(name):
-        image = picture(WORK / f"boxes-{name}.png")
-        return int((image[..., 0] > image[..., 1] + 40).sum())
+        return int(is_red(picture(WORK / f"boxes-{name}.png")).sum())
 
     assert red("plain") == 0 and red("turned") == 0 < red("view"), "the colour was not changed"
     assert red("slice") < 0.9 * red("view"), "the slice hides nothing"
@@ -122,7 +165,8 @@ def check_large(modules, browser):
     checker = ["--fill", "parity", "--target", "u8:max:shader=checker,size=1"]
     voxelize(ball, "many.html", "--resolution", "160", *checker)
     seen = drive(modules, browser, "many.html")
-    assert "Shown at 1/2 of the resolution" in seen["text"] and int(seen["faces"]) <= 2_000_000, seen
+    assert "Shown at 1/2 of the resolution" in seen["text"] and int(seen["faces"]) <= 2_000_000, seen["text"]
+    check_cuts(seen, "many")
     # A grid without a solid voxel.
     voxelize(ball, "empty.html", "--dims", "4,4,4", "--origin", "99,99,99", "--voxel-size", "1")
     page = (WORK / "empty.html").read_text(encoding="utf-8")

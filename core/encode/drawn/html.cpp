@@ -2,10 +2,12 @@
 //
 // The page holds the data as base64 of a zlib stream of:
 //   "VXV1", u32 bytes of the description, the description (JSON, padded with spaces to a multiple of 4 with these 8)
-//   u16 x 4 a drawn voxel: x, y, z, and a bit for each exposed side (-x, +x, -y, +y, -z, +z)
+//   u16 x 4 a drawn voxel, in linear order: x, y, z, and a bit for each exposed side (-x, +x, -y, +y, -z, +z)
 //   for each target of the description its values by voxel and component, u8, u16, u32 or f32
-// Each array is padded to a multiple of 4 bytes; numbers are little endian. viewer/payload.js reads it. Where the
-// surface has more faces than browsers draw fluently, voxels are joined two by two by two: solid if one of them is.
+// Each array is padded to a multiple of 4 bytes; numbers are little endian. viewer/payload.js reads it. The inside of
+// solids is not written, but follows: a voxel whose +x side is covered has solid ones behind it along x, up to the next
+// drawn voxel, which is in the same row. The viewer closes cuts by this. Where the surface has more faces than browsers
+// draw fluently, voxels are joined two by two by two: solid if one of them is.
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>

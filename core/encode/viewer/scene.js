@@ -1,12 +1,18 @@
-// Exposed faces of voxels with WebGL 2: a draw call for each of the six directions. Vertices read the voxels from
-// textures; instances of four vertices each would be slow where WebGL runs in software.
+// Faces of voxels with WebGL 2: a draw call for each direction that faces the camera. Vertices read rectangles of faces
+// from textures; instances of four vertices each would be slow where WebGL runs in software.
 import {
-  BufferGeometry, Color, DataTexture, DoubleSide, GLSL3, Mesh, OrthographicCamera, RawShaderMaterial, RedIntegerFormat,
-  RGBAFormat, RGBAIntegerFormat, Scene, UnsignedByteType, UnsignedIntType, UnsignedShortType, Vector3, WebGLRenderer,
-  WebGLRenderTarget,
+  BufferAttribute, BufferGeometry, DataTexture, GLSL3, Mesh, OrthographicCamera, RawShaderMaterial, RGBAFormat,
+  RGBAIntegerFormat, Scene, UnsignedByteType, UnsignedIntType, Vector3, WebGLRenderer,
 } from 'three';
 
+import {voxelOnRay} from './pick.js';
+import {cutQuads, exposedQuads, runAxis, WORDS} from './quads.js';
+
 const TEXTURE_WIDTH = 2048;
+// Of the inside, where a slice cuts it: hatched as in sections of drawings, so that no surface looks like it.
+export const [CUT_COLOUR, HATCH_COLOUR] = [0xd8d2c4, 0x8d8778];
+const HATCHES = 40; // along the box's diagonal
+const GROWN_PIXELS = 0.1; // of rectangles, on each side: where their corners meet edges, rounding would leave gaps
 
 // In the order of the bits of a cell: -x, +x, -y, +y, -z, +z. `shade`: light from above and the front.
 const SIDES = [
@@ -23,42 +29,47 @@ precision highp float;
 precision highp int;
 precision highp sampler2D;
 precision highp usampler2D;
-uniform usampler2D cells, faces;  // by voxel; the voxels of this side's faces
-uniform sampler2D colours;        // by voxel
+uniform usampler2D quads;
 uniform mat4 projectionMatrix, modelViewMatrix;
-uniform vec3 voxelSize, low, high, corners[4];
-uniform int side;
-uniform bool picks;
-flat out vec4 shown;
+uniform vec3 voxelSize, low, high, grown, corners[4];
+uniform float hatches;     // a unit of the scene
+uniform int run;           // the axis along which rectangles are long
+uniform sampler2D colours; // by voxel
+uniform vec3 cut;          // the colour of voxels that are not listed
+uniform float shade;
+flat out vec4 shown;       // 0 in the last place: not listed
+out float hatch;           // along the diagonal of the box
 ivec2 place(int n) {
   return ivec2(n % ${TEXTURE_WIDTH}, n / ${TEXTURE_WIDTH});
 }
 void main() {
-  int face = gl_VertexID / 6, corner = gl_VertexID % 6;
-  int voxel = int(texelFetch(faces, place(face), 0).r);
-  vec3 cell = vec3(texelFetch(cells, place(voxel), 0).xyz);
-  bool hidden = any(lessThan(cell, low)) || any(greaterThanEqual(cell, high));
-  vec3 offset = corners[corner < 3 ? corner : corner == 3 ? 0 : corner - 2];
-  gl_Position = hidden ? vec4(0.0, 0.0, 2.0, 1.0)
-                       : projectionMatrix * modelViewMatrix * vec4((cell + offset) * voxelSize, 1.0);
-  shown = picks ? vec4(face & 255, (face >> 8) & 255, (face >> 16) & 255, side + 1) / 255.0
-                : vec4(texelFetch(colours, place(voxel), 0).rgb, 1.0);
+  uvec4 quad = texelFetch(quads, place(gl_VertexID / 4), 0);
+  vec3 begin = vec3(quad.x & 0xffffu, quad.x >> 16, quad.y & 0xffffu), size = vec3(1.0);
+  size[run] = float(quad.y >> 16);
+  vec3 from = max(begin, low), to = min(begin + size, high);
+  vec3 corner = mix(from - grown, to + grown, corners[gl_VertexID % 4]);
+  gl_Position = any(greaterThanEqual(from, to)) ? vec4(0.0, 0.0, 2.0, 1.0)
+                                                : projectionMatrix * modelViewMatrix * vec4(corner * voxelSize, 1.0);
+  shown = quad.z == 0u ? vec4(shade * cut, 0.0)
+                       : vec4(shade * texelFetch(colours, place(int(quad.z) - 1), 0).rgb, 1.0);
+  hatch = dot(corner * voxelSize, vec3(hatches));
 }`;
 
 const FRAGMENT = `
 precision highp float;
-flat in vec4 shown;
+uniform vec3 line;  // of the hatches
 uniform float shade;
-uniform bool picks;
+flat in vec4 shown;
+in float hatch;
 out vec4 result;
 void main() {
-  result = picks ? shown : vec4(shown.rgb * (gl_FrontFacing ? shade : 0.45 * shade), 1.0);
+  result = vec4(shown.a == 0.0 && fract(hatch) < 0.2 ? shade * line : shown.rgb, 1.0);
 }`;
 
-// In: numbers of `items` entries. Out: a texture of them, row after row.
-function tableOf(array, items, format, type, internalFormat) {
-  const height = Math.max(1, Math.ceil(items / TEXTURE_WIDTH));
-  const padded = new array.constructor(array.length / Math.max(items, 1) * TEXTURE_WIDTH * height || 4 * TEXTURE_WIDTH);
+// In: numbers of `items` entries of four. Out: a texture of them, row after row.
+function tableOf(array, type, format, internalFormat) {
+  const height = Math.max(1, Math.ceil(array.length / 4 / TEXTURE_WIDTH));
+  const padded = new array.constructor(4 * TEXTURE_WIDTH * height);
   padded.set(array);
   const texture = new DataTexture(padded, TEXTURE_WIDTH, height, format, type);
   if (internalFormat) texture.internalFormat = internalFormat;
@@ -66,57 +77,75 @@ function tableOf(array, items, format, type, internalFormat) {
   return texture;
 }
 
+const rgbOf = (code) => new Vector3(code >> 16, (code >> 8) & 255, code & 255).divideScalar(255);
+
+// Two triangles a rectangle.
+function indexOf(quads) {
+  const index = new Uint32Array(6 * quads);
+  for (let n = 0; n < quads; ++n) {
+    const v = 4 * n;
+    index[6 * n] = index[6 * n + 3] = v;
+    index[6 * n + 1] = v + 1;
+    index[6 * n + 2] = index[6 * n + 4] = v + 2;
+    index[6 * n + 5] = v + 3;
+  }
+  return new BufferAttribute(index, 1);
+}
+
 export class VoxelScene {
   // In: a canvas, and a read payload. Throws an Error if the browser has no WebGL 2.
   constructor(canvas, data) {
-    const context = canvas.getContext('webgl2', {antialias: true});
+    const context = canvas.getContext('webgl2', {antialias: false});
     if (!context) throw new Error('this browser has no WebGL 2');
     this.renderer = new WebGLRenderer({canvas, context});
+    this.renderer.setClearColor(0, 0); // the background is the page's
     this.data = data;
     const largest = Math.max(...data.voxel_size);
     this.voxelSize = new Vector3(...data.voxel_size.map((size) => size / largest));
     this.box = new Vector3(...data.dims).multiply(this.voxelSize);
     this.low = new Vector3(0, 0, 0);
     this.high = new Vector3(...data.dims);
+    this.grown = new Vector3();
     this.camera = new OrthographicCamera();
     this.scene = new Scene();
-    this.scene.background = new Color(0xe9edf1);
-    this.pickTarget = new WebGLRenderTarget(1, 1);
-    const {voxels} = data;
-    this.cells = tableOf(data.cells, voxels, RGBAIntegerFormat, UnsignedShortType, 'RGBA16UI');
-    this.colours = tableOf(new Uint8Array(4 * voxels), voxels, RGBAFormat, UnsignedByteType);
-    this.sides = SIDES.map((side, number) => this.#addSide(side, number));
-    this.faces = this.sides.reduce((sum, side) => sum + side.voxels.length, 0);
+    this.colours = tableOf(new Uint8Array(4 * data.voxels), UnsignedByteType, RGBAFormat);
+    this.index = indexOf(0);
+    this.sides = SIDES.map((_, side) => this.#show(this.#addMesh(side), exposedQuads(data, side)));
+    this.faces = this.sides.reduce((sum, mesh) => sum + mesh.geometry.drawRange.count / 6, 0);
+    this.cuts = SIDES.map((_, side) => this.#addMesh(side));
   }
 
-  #addSide({corners, shade}, number) {
-    const {cells, voxels: count} = this.data;
-    let faces = 0;
-    for (let n = 0; n < count; ++n) faces += (cells[4 * n + 3] >> number) & 1;
-    const voxels = new Uint32Array(faces);
-    for (let n = 0, f = 0; n < count; ++n) {
-      if ((cells[4 * n + 3] >> number) & 1) voxels[f++] = n;
-    }
-    const geometry = new BufferGeometry();
-    geometry.setDrawRange(0, 6 * faces);
+  #addMesh(side) {
     const material = new RawShaderMaterial({
       glslVersion: GLSL3,
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,
-      side: DoubleSide,
       uniforms: {
-        cells: {value: this.cells},
+        quads: {value: null},
         colours: {value: this.colours},
-        faces: {value: tableOf(voxels, faces, RedIntegerFormat, UnsignedIntType, 'R32UI')},
-        corners: {value: corners.map((corner) => new Vector3(...corner))},
-        voxelSize: {value: this.voxelSize}, low: {value: this.low}, high: {value: this.high}, side: {value: number},
-        shade: {value: shade}, picks: {value: false},
+        cut: {value: rgbOf(CUT_COLOUR)}, line: {value: rgbOf(HATCH_COLOUR)},
+        hatches: {value: HATCHES / this.box.length()},
+        corners: {value: SIDES[side].corners.map((corner) => new Vector3(...corner))},
+        voxelSize: {value: this.voxelSize}, low: {value: this.low}, high: {value: this.high},
+        grown: {value: this.grown},
+        run: {value: runAxis(side)}, shade: {value: SIDES[side].shade},
       },
     });
-    const mesh = new Mesh(geometry, material);
+    const mesh = new Mesh(new BufferGeometry(), material);
     mesh.frustumCulled = false;
-    if (faces > 0) this.scene.add(mesh);
-    return {voxels, geometry, material};
+    this.scene.add(mesh);
+    return mesh;
+  }
+
+  // Gives a mesh its rectangles.
+  #show(mesh, words) {
+    const quads = words.length / WORDS;
+    if (this.index.count < 6 * quads) this.index = indexOf(quads);
+    mesh.geometry.setIndex(this.index);
+    mesh.geometry.setDrawRange(0, 6 * quads);
+    mesh.material.uniforms.quads.value?.dispose();
+    mesh.material.uniforms.quads.value = tableOf(words, UnsignedIntType, RGBAIntegerFormat, 'RGBA32UI');
+    return mesh;
   }
 
   // In: RGBA bytes by voxel.
@@ -125,10 +154,22 @@ export class VoxelScene {
     this.colours.needsUpdate = true;
   }
 
-  // Hides voxels whose index on this axis is below `from` or at least `to`.
+  // Hides voxels whose index on this axis is below `from` or at least `to`, and closes the solids that this cuts.
   setSlice(axis, from, to) {
+    if (from !== this.low.getComponent(axis)) this.#cut(2 * axis, from);
+    if (to !== this.high.getComponent(axis)) this.#cut(2 * axis + 1, to - 1);
     this.low.setComponent(axis, from);
     this.high.setComponent(axis, to);
+  }
+
+  #cut(side, layer) {
+    const {words, inside} = cutQuads(this.data, side, layer);
+    this.#show(this.cuts[side], words).userData.inside = inside;
+  }
+
+  // True if a slice cuts voxels that are not listed.
+  get cutsInside() {
+    return this.cuts.some((mesh) => mesh.userData.inside);
   }
 
   // Looks from here, in degrees as --view has them, at the middle of the grid, which fills the window.
@@ -150,8 +191,6 @@ export class VoxelScene {
   }
 
   resize(width, height) {
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-    this.renderer.setSize(width, height, false);
     const half = 0.55 * this.box.length();
     const [x, y] = width > height ? [half * width / height, half] : [half, half * height / width];
     Object.assign(this.camera, {left: -x, right: x, top: y, bottom: -y});
@@ -159,40 +198,38 @@ export class VoxelScene {
     this.size = [width, height];
   }
 
-  render() {
+  // In: pixels of the picture for one of CSS, each way. Only sides that face the camera are drawn: a solid hides others.
+  render(ratio) {
+    const [width, height] = this.size.map((size) => Math.ceil(size * ratio));
+    const canvas = this.renderer.domElement;
+    if (canvas.width !== width || canvas.height !== height) this.renderer.setSize(width, height, false);
+    const pixel = (this.camera.right - this.camera.left) / this.camera.zoom / width;
+    this.grown.setScalar(GROWN_PIXELS * pixel).divide(this.voxelSize);
+    const view = this.camera.getWorldDirection(new Vector3()).toArray();
+    for (const meshes of [this.sides, this.cuts]) {
+      meshes.forEach((mesh, side) => {
+        mesh.visible = mesh.geometry.drawRange.count > 0 && (side % 2 ? view[side >> 1] < 0 : view[side >> 1] > 0);
+      });
+    }
     this.renderer.render(this.scene, this.camera);
   }
 
-  // The voxel at a point of the canvas, in CSS pixels; -1 if there is none.
+  // The voxel at a point of the canvas, in CSS pixels: as voxelOnRay.
   pick(x, y) {
     const [width, height] = this.size;
-    const background = this.scene.background;
-    this.camera.setViewOffset(width, height, x, y, 1, 1);
-    for (const {material} of this.sides) material.uniforms.picks.value = true;
-    this.scene.background = null;
-    this.renderer.setRenderTarget(this.pickTarget);
-    this.renderer.setClearColor(0, 0);
-    this.renderer.clear();
-    this.renderer.render(this.scene, this.camera);
-    const pixel = new Uint8Array(4);
-    this.renderer.readRenderTargetPixels(this.pickTarget, 0, 0, 1, 1, pixel);
-    this.renderer.setRenderTarget(null);
-    this.scene.background = background;
-    for (const {material} of this.sides) material.uniforms.picks.value = false;
-    this.camera.clearViewOffset();
-    if (pixel[3] === 0) return -1;
-    return this.sides[pixel[3] - 1].voxels[pixel[0] | pixel[1] << 8 | pixel[2] << 16];
+    const from = new Vector3(2 * x / width - 1, 1 - 2 * y / height, -1).unproject(this.camera);
+    const along = this.camera.getWorldDirection(new Vector3());
+    const [begin, step] = [from, along].map((point) => point.divide(this.voxelSize).toArray());
+    return voxelOnRay(this.data, begin, step, this.low.toArray(), this.high.toArray());
   }
 
   dispose() {
-    for (const {geometry, material} of this.sides) {
+    for (const {geometry, material} of [...this.sides, ...this.cuts]) {
       geometry.dispose();
-      material.uniforms.faces.value.dispose();
+      material.uniforms.quads.value?.dispose();
       material.dispose();
     }
-    this.cells.dispose();
     this.colours.dispose();
-    this.pickTarget.dispose();
     this.renderer.dispose();
   }
 }

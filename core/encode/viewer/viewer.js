@@ -2,8 +2,9 @@
 import {OrbitControls} from 'three/examples/jsm/controls/OrbitControls.js';
 
 import {coloursOf, MAP} from './colours.js';
+import {Frames} from './frames.js';
 import {readPayload} from './payload.js';
-import {VoxelScene} from './scene.js';
+import {CUT_COLOUR, HATCH_COLOUR, VoxelScene} from './scene.js';
 
 export {payloadOf} from './payload.js';
 
@@ -17,6 +18,15 @@ function make(name, attributes = {}, ...children) {
   return element;
 }
 
+const hex = (rgb) => `#${rgb.toString(16).padStart(6, '0')}`;
+
+// A line of the legend: a bar with this background, and texts.
+function showKey(line, background, before, after) {
+  const bar = make('span', {class: 'voxels-bar'});
+  bar.style.background = background;
+  line.replaceChildren(before, bar, after);
+}
+
 const short = (number) => String(Number(number.toPrecision(6)));
 
 // The world position of a cell's centre.
@@ -24,11 +34,11 @@ function centreOf(data, cell) {
   return data.origin.map((origin, axis) => origin + (cell[axis] + 0.5) * data.voxel_size[axis]);
 }
 
-function describe(data, voxel) {
-  const cell = Array.from(data.cells.subarray(4 * voxel, 4 * voxel + 3));
+function describe(data, {cell, voxel}) {
   // A coarse voxel stands for several of the grid.
   const index = cell.map((i) => (data.step === 1 ? i : `${i * data.step}-${i * data.step + data.step - 1}`));
   const parts = [`voxel ${index.join(', ')}`, `at ${centreOf(data, cell).map(short).join(', ')}`];
+  if (voxel < 0) return [...parts, 'inside'].join(' · ');
   for (const target of data.targets) {
     const from = voxel * target.components;
     const values = Array.from(target.values.subarray(from, from + target.components));
@@ -54,8 +64,9 @@ function sliceControl(data, axis, change) {
 }
 
 // In: an element of the page, and an inflated payload (payload.js). Fills the element. Out: `dispose()`, which empties
-// it, and what tests need: `setView(azimuth, elevation)`, `pick(x, y)` (a text, empty if nothing is there) and
-// `frameMs()`. Throws an Error if the browser has no WebGL 2.
+// it, and what tests need: `setView(azimuth, elevation)`, `pick(x, y)` (a text, empty if nothing is there), `still()`
+// (a promise of the sharp frame), and `frameMs(ratio)` at this number of pixels for one of CSS, each way. Throws an
+// Error if the browser has no WebGL 2.
 export function mountViewer(element, payload) {
   const data = readPayload(payload);
   const keys = 'arrow keys turn, + and - zoom, R resets the view';
@@ -64,15 +75,8 @@ export function mountViewer(element, payload) {
   const voxelScene = new VoxelScene(canvas, data);
   const controls = new OrbitControls(voxelScene.camera, canvas);
 
-  let queued = false;
-  const draw = () => {
-    if (queued) return;
-    queued = true;
-    requestAnimationFrame(() => {
-      queued = false;
-      voxelScene.render();
-    });
-  };
+  const frames = new Frames(voxelScene);
+  const draw = () => frames.draw();
   controls.addEventListener('change', draw);
 
   let angles = ISO;
@@ -90,14 +94,12 @@ export function mountViewer(element, payload) {
     const {rgba, range} = coloursOf(target, data.voxels);
     voxelScene.setColours(rgba);
     legend.hidden = range === null;
-    if (range) {
-      const stops = MAP.map((rgb) => `#${rgb.toString(16).padStart(6, '0')}`).join(', ');
-      const bar = make('span', {class: 'voxels-bar'});
-      bar.style.background = `linear-gradient(90deg, ${stops})`;
-      legend.replaceChildren(short(range[0]), bar, short(range[1]));
-    }
+    if (range) showKey(legend, `linear-gradient(90deg, ${MAP.map(hex).join(', ')})`, ...range.map(short));
     draw();
   };
+  const cutLegend = make('p', {class: 'voxels-legend voxels-cut', hidden: ''});
+  const [cut, line] = [CUT_COLOUR, HATCH_COLOUR].map(hex);
+  showKey(cutLegend, `repeating-linear-gradient(45deg, ${line} 0 1px, ${cut} 1px 6px)`, '', 'inside of a solid, cut');
   const choice = make('select', {'aria-label': 'Colour by'});
   data.targets.forEach(({name, title}, number) => choice.append(make('option', {value: number}, `${name}: ${title}`)));
   choice.append(make('option', {value: -1}, 'one colour'));
@@ -105,8 +107,8 @@ export function mountViewer(element, payload) {
 
   const found = make('p', {class: 'voxels-found', role: 'status'}, 'Point at a voxel to read it.');
   const pick = (x, y) => {
-    const voxel = voxelScene.pick(x, y);
-    return voxel < 0 ? '' : describe(data, voxel);
+    const found = voxelScene.pick(x, y);
+    return found ? describe(data, found) : '';
   };
   let timer = 0;
   canvas.addEventListener('pointermove', (event) => {
@@ -135,9 +137,10 @@ export function mountViewer(element, payload) {
   });
 
   const facts = make('p', {class: 'voxels-facts'}, data.title);
-  const panel = make('div', {class: 'voxels-panel'}, facts, make('label', {}, 'Colour by ', choice), legend,
+  const panel = make('div', {class: 'voxels-panel'}, facts, make('label', {}, 'Colour by ', choice), legend, cutLegend,
     ...[0, 1, 2].map((axis) => sliceControl(data, axis, (...slice) => {
       voxelScene.setSlice(...slice);
+      cutLegend.hidden = !voxelScene.cutsInside;
       draw();
     })), found);
   if (data.step > 1) {
@@ -165,15 +168,17 @@ export function mountViewer(element, payload) {
   return {
     setView,
     pick,
-    frameMs() {
+    still: () => frames.still(),
+    frameMs(ratio) {
       const context = voxelScene.renderer.getContext();
       const begin = performance.now();
-      voxelScene.render();
+      voxelScene.render(ratio);
       context.readPixels(0, 0, 1, 1, context.RGBA, context.UNSIGNED_BYTE, new Uint8Array(4));  // waits for the frame
       return performance.now() - begin;
     },
     dispose() {
       observer.disconnect();
+      frames.stop();
       controls.dispose();
       voxelScene.dispose();
       element.replaceChildren();
