@@ -7,6 +7,25 @@ import {createRequire} from 'node:module';
 import path from 'node:path';
 import {pathToFileURL} from 'node:url';
 
+// The least contrast of a text of the panel to its background (W3C, Web Content Accessibility Guidelines 2.1, 2018).
+function leastContrast() {
+  const numbers = (colour) => colour.match(/[\d.]+/g).map(Number);
+  const luminance = (colour) => {
+    const [r, g, b] = numbers(colour).map((v) => (v <= 10.31 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const behind = (element) => {
+    const colour = getComputedStyle(element).backgroundColor;
+    return numbers(colour)[3] === 0 ? behind(element.parentElement) : colour;
+  };
+  const texts = [...document.querySelectorAll('.voxels-panel *')].filter((element) => element.checkVisibility() &&
+    (element.tagName === 'SELECT' || [...element.childNodes].some((n) => n.nodeType === 3 && n.data.trim() !== '')));
+  return Math.min(...texts.filter((element) => element.tagName !== 'OPTION').map((element) => {
+    const [a, b] = [luminance(getComputedStyle(element).color), luminance(behind(element))];
+    return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  }));
+}
+
 const [modules, executablePath, file, prefix] = process.argv.slice(2);
 const puppeteer = createRequire(path.join(modules, 'x.js'))('puppeteer-core');
 const browser = await puppeteer.launch({
@@ -62,6 +81,12 @@ try {
       const legend = await page.$eval('.voxels-cut', (line) => (line.hidden ? '' : line.textContent));
       await slide(label, back);
       seen.cuts.push({layer: side % 2 ? at - 1 : at, points, legend});
+    }
+    seen.contrast = [];
+    for (const scheme of ['dark', 'light']) {
+      await page.emulateMediaFeatures([{name: 'prefers-color-scheme', value: scheme}]);
+      seen.contrast.push(await page.evaluate(leastContrast));
+      if (scheme === 'dark') await shot('dark');
     }
     seen.legend = await page.$eval('.voxels-cut', (line) => (line.hidden ? '' : line.textContent));
     await page.evaluate(() => window.viewer.setView(30, 20));

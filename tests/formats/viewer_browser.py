@@ -21,6 +21,7 @@ import npm_packages  # noqa: E402
 BROWSERS = ("chromium-headless-shell", "chromium")
 RED = ["--target", "f32x3:replace:shader=constant,value=1/0/0"]
 BACKGROUND = np.array([233, 237, 241])
+MIN_CONTRAST = 4.5  # of texts
 MIN_OVERLAP = 0.98  # of the two silhouettes, intersection over union
 
 
@@ -48,6 +49,9 @@ def drive(modules, browser, name):
     seen = json.loads(done.stdout)
     assert seen["problems"] == [] and seen["requests"] == [], seen
     assert seen["state"] == "ready" and seen["webgl"] == "2", seen
+    assert len(seen["contrast"]) == 2 and min(seen["contrast"]) >= MIN_CONTRAST, seen["contrast"]
+    dark = picture(WORK / f"{prefix.name}-dark.png")
+    assert dark[5, 5].max() < 64 and dark[-5, -5].max() < 64, "the dark scheme has a light background"
     assert not seen["too_wide"], "a phone has to scroll sideways"
     print(f"{name}: {seen['faces']} faces, a frame in {seen['frame_ms'][0]:.0f} ms, "
           f"{seen['frame_ms'][1]:.0f} ms while it moves")

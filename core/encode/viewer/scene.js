@@ -198,7 +198,7 @@ export class VoxelScene {
     this.size = [width, height];
   }
 
-  // In: pixels of the picture for one of CSS, each way. Only sides that face the camera are drawn: a solid hides others.
+  // In: pixels of the picture for one of CSS, each way. Sides that face away are not drawn: solids hide them.
   render(ratio) {
     const [width, height] = this.size.map((size) => Math.ceil(size * ratio));
     const canvas = this.renderer.domElement;
