@@ -135,6 +135,7 @@ class ResultReader:
     def taken_over(self, header: bytes, arrays: Sequence[Array], summary: bytes) -> VoxelGrid:
         """A result that was made in this process: ResultHeader, flat bytes of each array, Summary. Errors: DataLoss."""
         specs = self._read_header(service.ResultHeader.FromString(header))
+        self._header = header
         if len(specs) != len(arrays):
             raise _lost(f"{len(arrays)} arrays, announced were {len(specs)}")
         unpack = not self._request.packed_bits
@@ -187,6 +188,7 @@ class ResultReader:
 
     def _add_header(self, header: service.ResultHeader) -> None:
         specs = self._read_header(header)
+        self._header = header.SerializeToString()
         unpack = not self._request.packed_bits
         self._arrays = [_Destination(element, shape, unpack) for element, shape in specs]
 
@@ -211,7 +213,6 @@ class ResultReader:
                 limit_bytes=self._max_result_bytes,
             )
         self._place = place
-        self._header = header.SerializeToString()
         return specs
 
     def _expected(self, header: service.ResultHeader, place: GridPlace) -> list[tuple[str, tuple[int, ...]]]:
