@@ -17,13 +17,14 @@ export function voxelOnRay({cells, voxels}, from, along, low, high) {
   const entered = from.map((at, a) => Math.min(Math.max(Math.floor(at + inside * along[a]), low[a]), high[a] - 1));
   let before = -1; // the last voxel of the row that `entered` is in, up to it
   let [nearest, first] = [-1, Infinity];
+  const [fromX, fromY, fromZ] = from, [overX, overY, overZ] = inverse; // lists are slow in the loop
   for (let n = 0; n < voxels; ++n) {
-    const [x, y, z] = [cells[4 * n], cells[4 * n + 1], cells[4 * n + 2]];
+    const x = cells[4 * n], y = cells[4 * n + 1], z = cells[4 * n + 2];
     if (y === entered[1] && z === entered[2] && x <= entered[0]) before = n;
     if (x < low[0] || y < low[1] || z < low[2] || x >= high[0] || y >= high[1] || z >= high[2]) continue;
-    const [x0, x1] = [(x - from[0]) * inverse[0], (x + 1 - from[0]) * inverse[0]];
-    const [y0, y1] = [(y - from[1]) * inverse[1], (y + 1 - from[1]) * inverse[1]];
-    const [z0, z1] = [(z - from[2]) * inverse[2], (z + 1 - from[2]) * inverse[2]];
+    const x0 = (x - fromX) * overX, x1 = (x + 1 - fromX) * overX;
+    const y0 = (y - fromY) * overY, y1 = (y + 1 - fromY) * overY;
+    const z0 = (z - fromZ) * overZ, z1 = (z + 1 - fromZ) * overZ;
     const near = Math.max(Math.min(x0, x1), Math.min(y0, y1), Math.min(z0, z1));
     if (near >= first) continue;
     if (near <= Math.min(Math.max(x0, x1), Math.max(y0, y1), Math.max(z0, z1))) [nearest, first] = [n, near];

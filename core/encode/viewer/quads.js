@@ -67,7 +67,7 @@ export function cutQuads({cells, voxels}, side, layer) {
     }
     if (sides & 2) continue;
     // Inside are the voxels between this one and the next.
-    const [from, to] = [cells[at] + 1, cells[at + 4]];
+    const from = cells[at] + 1, to = cells[at + 4];
     if (axis === 0 ? layer < from || layer >= to : cells[at + axis] !== layer || from >= to) continue;
     inside = true;
     if (axis !== 0) {
@@ -75,7 +75,8 @@ export function cutQuads({cells, voxels}, side, layer) {
     } else {
       if (cells[at + 2] === lastZ && cells[at + 1] === lastY + 1) quads.lengthen();
       else quads.add(layer, cells[at + 1], cells[at + 2], 1, 0);
-      [lastY, lastZ] = [cells[at + 1], cells[at + 2]];
+      lastY = cells[at + 1];
+      lastZ = cells[at + 2];
     }
   }
   return {words: quads.words, inside};
