@@ -43,8 +43,7 @@ std::string NotInBinvox(const ResultHeader& header) {
 
 // Formats that this build could have, and how.
 constexpr std::array<std::pair<std::string_view, std::string_view>, 3> kOptional = {
-    {{".vdb",
-      "this build was made without OpenVDB (-DVOXELPIPE_OPENVDB=ON); nanovdb_convert makes one of a .nvdb"},
+    {{".vdb", "this build was made without OpenVDB (-DVOXELPIPE_OPENVDB=ON); nanovdb_convert makes one of a .nvdb"},
      {".nvdb", "this build was made without NanoVDB (Debian's libnanovdb-dev)"},
      {".html", "this build was made without its viewer, which npm brings (-DVOXELPIPE_VIEWER=ON says why)"}}};
 
