@@ -53,9 +53,10 @@ def three(modules, extension, out):
 
 
 def viewer(modules, out):
-    script = SOURCE / "tests/formats/drive_viewer.mjs"
-    run("node", script, modules, BROWSER, written("html"), WORK / "html")
-    shutil.copy(WORK / "html-view.png", out)
+    script, page = SOURCE / "tests/formats/viewer_picture.mjs", WORK / "page.png"
+    run("node", script, modules, BROWSER, written("html"), page, f"{AZIMUTH},{ELEVATION}")
+    picture = Image.open(page)
+    picture.crop((0, 0, picture.width - 304, picture.height)).save(out)  # the controls are at the right
 
 
 def vtk_cells(out):
