@@ -116,16 +116,20 @@ def test_the_file_is_that_of_the_command_line(
     assert len(list(out.iterdir())) == 3
 
 
-@pytest.mark.parametrize("target", ["bit:or:shader=occupancy", "f32x3:replace:shader=normal"])
+@pytest.mark.parametrize("layout", ["interleaved", "planar"])
+@pytest.mark.parametrize("target", ["bit:or", "f32x3:replace:shader=normal", "u8:max", COLOR])
 @pytest.mark.parametrize("extension", [".npy", ".raw"])
 def test_arrays_written_by_numpy_are_those_of_the_command_line(
-    cli: str, mesh: pathlib.Path, out: pathlib.Path, extension: str, target: str
+    cli: str, mesh: pathlib.Path, out: pathlib.Path, extension: str, target: str, layout: Any
 ) -> None:
-    theirs, ours = out / f"cli{extension}", out / f"ours{extension}"
-    command = [cli, "voxelize", str(mesh), "--resolution", "21", "--target", target, "-o", str(theirs)]
-    subprocess.run(command, check=True, capture_output=True)
-    voxelpipe.voxelize(mesh, resolution=21, targets=[target]).save(ours)
-    assert ours.read_bytes() == theirs.read_bytes()
+    theirs, ours = out / "theirs", out / "ours"
+    ours.mkdir()
+    command = [cli, "voxelize", str(mesh), "--resolution", "21", "--target", target, "--layout", layout]
+    subprocess.run([*command, "-o", str(theirs / f"a{extension}")], check=True, capture_output=True)
+    voxelpipe.voxelize(mesh, resolution=21, targets=[target], layout=layout).save(ours / f"a{extension}")
+    assert contents(ours) == contents(theirs)  # with the description of a .raw
+    compared = [cli, "compare", str(ours / f"a{extension}"), str(theirs / f"a{extension}")]
+    assert subprocess.run(compared, capture_output=True).returncode == 0
 
 
 def test_changed_arrays_and_pickles_are_written_as_they_are(mesh: pathlib.Path, out: pathlib.Path) -> None:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pathlib
 import warnings
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy
 
 from .._calls import core_module
+from .._proto.voxelpipe.v1 import types_pb2 as types
+from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..report import MeshWarning
 
 if TYPE_CHECKING:
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
 # Written here, with or without voxelpipe_core, so that a file is the same on every machine; an .npz has the targets by
 # the names that the caller gave them, which the core does not know.
 _OWN = (".npy", ".npz", ".raw", ".png")
+_ORDER = "x fastest: voxel (i, j, k) is n = i + nx*(j + ny*k); bit n is (byte[n/8] >> (n%8)) & 1; little endian"
 
 
 def save(grid: "VoxelGrid", path: "str | os.PathLike[str]") -> None:
@@ -30,8 +34,8 @@ def save(grid: "VoxelGrid", path: "str | os.PathLike[str]") -> None:
     if kind in (".npy", ".raw") and (grid.kind != "dense" or len(grid.targets) != 1):
         raise ValueError(f"{target}: {kind} holds one target of a dense result; .npz holds all")
     if kind == ".raw":
-        description = json.dumps(_description(grid), indent=2) + "\n"
-        _write(pathlib.Path(f"{target}.json"), lambda file: file.write(description.encode()))
+        description = _description(grid, target.name).encode(errors="replace")
+        _write(pathlib.Path(f"{target}.json"), lambda file: file.write(description))
     _write(target, lambda file: _fill(grid, kind, file))
 
 
@@ -118,17 +122,35 @@ def _arrays(grid: "VoxelGrid") -> dict[str, Any]:
     }
 
 
-def _description(grid: "VoxelGrid") -> dict[str, Any]:
-    target = grid.targets[0]
-    shape = grid.stored[target.name].shape
+def _description(grid: "VoxelGrid", file_name: str) -> str:
+    """The text of a .raw.json: that of the command line."""
+    target, array = grid.targets[0], grid.stored[grid.targets[0].name]
+    bits = target.format == "bit"
+    shape = [*reversed(grid.dims)] if bits else list(array.shape)
     components = shape[0 if grid.layout == "planar" else -1] if len(shape) == 4 else 1
-    return {
+    config = service.VoxelizeConfig.FromString(grid._config)
+    asked = config.targets[0] if config.targets else types.RenderTarget()
+    blend = types.Blend.Name(asked.blend).removeprefix("BLEND_").lower() if asked.blend else "or" if bits else "replace"
+    described = {
         "dims": list(grid.dims),
         "origin": list(grid.origin_corner),
         "voxel_size": list(grid.voxel_size),
-        "index_to_world": grid.index_to_world.ravel().tolist(),
-        "targets": [{"format": target.format, "components": components}],
+        "index_to_world": grid.index_to_world.tolist(),
         "layout": grid.layout,
-        "order": "x fastest: n = i + nx*(j + ny*k)",
+        "order": _ORDER,
+        "targets": [
+            {
+                "file": file_name,
+                "format": target.format,
+                "components": components,
+                "encoding": "srgb" if asked.encoding == types.ENCODING_SRGB else "linear",
+                "blend": blend,
+                "shader": asked.shader.name or "occupancy",
+                "dtype": "bit" if bits else array.dtype.str,
+                "shape": shape,
+                "bytes": (math.prod(shape) + 7) // 8 if bits else array.nbytes,
+            }
+        ],
         "hash": grid.sha256,
     }
+    return json.dumps(described, indent=1, ensure_ascii=False) + "\n"
