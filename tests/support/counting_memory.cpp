@@ -7,6 +7,8 @@
 #include <cerrno>
 #include <cstddef>
 
+#include "support/sanitized.h"
+
 namespace {
 
 std::atomic<uint64_t> allocated{0}, peak{0};
@@ -21,11 +23,7 @@ void Discount(uint64_t bytes) {
   allocated.fetch_sub(bytes, std::memory_order_relaxed);
 }
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kCounts = false;
-#else
-constexpr bool kCounts = true;
-#endif
+constexpr bool kCounts = !voxelpipe::testing::kSanitized;
 
 }  // namespace
 

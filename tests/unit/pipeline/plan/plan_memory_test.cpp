@@ -9,6 +9,7 @@
 #include "gtest/gtest.h"
 #include "support/meshes/meshes.h"
 #include "support/run.h"
+#include "support/sanitized.h"
 
 namespace voxelpipe {
 namespace {
@@ -105,14 +106,8 @@ std::vector<Case> Cases() {
 
 class PlanMemory : public ::testing::TestWithParam<Case> {};
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized = true;  // shadow memory counts as resident too
-#else
-constexpr bool kSanitized = false;
-#endif
-
 TEST_P(PlanMemory, PredictsThePeakWithinAFactorOfOneAndAHalf) {
-  if (kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
+  if (testing::kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
   const Case& c = GetParam();
   const TriangleMesh mesh = c.fine ? testing::Torus(707) : testing::BumpySphere(60, 3);
   VoxelizeRequest request;
@@ -156,7 +151,7 @@ INSTANTIATE_TEST_SUITE_P(Kinds, PlanMemory, ::testing::ValuesIn(Cases()),
 
 // What is refused costs little: looking at a grid takes memory by its mesh, not by its voxels.
 TEST(PlanMemoryOfRefusals, GridsOfAnySizeAreLookedAtInLittleMemory) {
-  if (kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
+  if (testing::kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
   VoxelizeRequest request;
   request.grid.resolution = 8;
   request.result = ResultKind::kSparse;
@@ -180,7 +175,7 @@ TEST(PlanMemoryOfRefusals, GridsOfAnySizeAreLookedAtInLittleMemory) {
 
 // Nor do lines that meet the same triangle thousands of times, or triangles that each go through the whole grid.
 TEST(PlanMemoryOfRefusals, TrianglesThatRepeatAreLookedAtInLittleMemory) {
-  if (kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
+  if (testing::kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
   VoxelizeRequest request;
   request.grid.resolution = 8;
   request.result = ResultKind::kSparse;
