@@ -5,6 +5,10 @@ TEST_JOBS ?= 2
 
 GPU_BUNDLE_TARGETS := cuda_parity cuda_bench cuda_devices device_parity plan_bounds voxelpipe voxelpiped mesh_fuzz parser_fuzz
 
+# Of make fuzz: by the names of tests/fuzz/parsers/parsers.cpp.
+FUZZERS ?= gltf glb draco stl ply off obj threemf image meshopt data_uri manifest options web
+FUZZ_SECONDS ?= 7200
+
 # By label, which is the name of the test's program.
 SERVICE_TESTS := ^(library_order|server|service_.*)_test$$
 
@@ -13,7 +17,7 @@ BUILD_DIR := $(if $(filter dev ci,$(PRESET)),build,build-$(PRESET))
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup configure build test test-asan test-tsan demo bench results option-tables format lint docker-test gpu-bundle clean
+.PHONY: help setup configure build test test-asan test-tsan demo bench fuzz results option-tables format lint docker-test gpu-bundle clean
 
 help: ## List the tasks
 	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan|ci] [JOBS=N]"
@@ -72,6 +76,12 @@ lint: ## Check the format, clang-tidy on .cpp, buf lint on the protos where buf 
 docker-test: configure ## Build the image with a local engine, run it, call it from the host (root; slow)
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe
 	VOXELPIPE_DOCKER_TEST=1 bash tests/docker/docker_test.sh $(BUILD_DIR)/bin/voxelpipe
+
+fuzz: ## Fuzz the parsers under sanitizers, FUZZ_SECONDS long each; FUZZERS="stl ply": these (docker/packages-fuzz.txt)
+	@bash tests/support/apt_install.sh docker/packages-fuzz.txt
+	@$(MAKE) --no-print-directory PRESET=fuzz configure
+	cmake --build --preset fuzz -j $(JOBS) --target $(FUZZERS:%=%_fuzz)
+	@bash tests/fuzz/run.sh build-fuzz $(FUZZ_SECONDS) $(FUZZERS)
 
 gpu-bundle: setup ## Put what a GPU machine needs to prove and measure CUDA into gpu-bundle/ (run.sh there); GPU_MODELS="FILE..."
 	@mkdir -p build-gpu-bundle
