@@ -399,7 +399,8 @@ def beyond_4_gib(name):
         vdb = path
         if name == "nvdb":
             vdb = WORK / f"{case.name}.vdb"
-            subprocess.run([need_program("nanovdb_convert"), "-f", str(path), str(vdb)], check=True, capture_output=True)
+            command = [need_program("nanovdb_convert"), "-f", str(path), str(vdb)]
+            subprocess.run(command, check=True, capture_output=True)
         (grid,) = need_module("pyopenvdb").readAll(str(vdb))[0]
         cells = [item.min for item in grid.iterOnValues()]
         assert sorted(cells) == sorted(map(tuple, case.cells))

@@ -47,6 +47,19 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 3> kOptional
      {".nvdb", "this build was made without NanoVDB (Debian's libnanovdb-dev)"},
      {".html", "this build was made without its viewer, which npm brings (-DVOXELPIPE_VIEWER=ON says why)"}}};
 
+// A format whose writer collects the result first (drawn/whole_file.h).
+OutputFormat Collected(OutputFormat format) {
+  format.sparse = format.whole = true;
+  return format;
+}
+
+// One of those that hold the solid voxels and their colours.
+OutputFormat Drawn(OutputFormat format) {
+  format.buckets = true;
+  format.targets = TargetPlaces::kDrawn;
+  return Collected(format);
+}
+
 const std::vector<OutputFormat>& List() {
   static const std::vector<OutputFormat> formats = [] {
     std::vector<OutputFormat> list;
@@ -81,52 +94,36 @@ const std::vector<OutputFormat>& List() {
                     .directory = true,
                     .open = &MakeZarrDirectory});
     list.push_back(
-        {.name = "ply", .extension = ".ply", .title = "points", .sparse = true, .buckets = true, .open = &MakePlyFile});
-    list.push_back({.name = "glb",
-                    .extension = ".glb",
-                    .title = "surface as glTF",
-                    .sparse = true,
-                    .buckets = true,
-                    .targets = TargetPlaces::kDrawn,
-                    .whole = true,
-                    .open = &MakeGlbFile,
-                    .not_kept = &TargetsNotDrawn});
-    list.push_back({.name = "merged.glb",
-                    .extension = ".merged.glb",
-                    .title = "surface as glTF, faces merged",
-                    .sparse = true,
-                    .buckets = true,
-                    .targets = TargetPlaces::kDrawn,
-                    .whole = true,
-                    .open = &MakeMergedGlbFile,
-                    .not_kept = &TargetsNotDrawn});
-    list.push_back({.name = "vox",
-                    .extension = ".vox",
-                    .title = "MagicaVoxel",
-                    .sparse = true,
-                    .buckets = true,
-                    .targets = TargetPlaces::kDrawn,
-                    .whole = true,
-                    .open = &MakeVoxFile,
-                    .not_kept = &PlaceNotInVox});
-    list.push_back({.name = "binvox",
-                    .extension = ".binvox",
-                    .title = "binvox",
-                    .sparse = true,
-                    .buckets = true,
-                    .targets = TargetPlaces::kDrawn,
-                    .whole = true,
-                    .open = &MakeBinvoxFile,
-                    .not_kept = &NotInBinvox});
+        Collected({.name = "ply", .extension = ".ply", .title = "points", .buckets = true, .open = &MakePlyFile}));
+    list.push_back(Drawn({.name = "glb",
+                          .extension = ".glb",
+                          .title = "surface as glTF",
+                          .open = &MakeGlbFile,
+                          .not_kept = &TargetsNotDrawn}));
+    list.push_back(Drawn({.name = "merged.glb",
+                          .extension = ".merged.glb",
+                          .title = "surface as glTF, faces merged",
+                          .open = &MakeMergedGlbFile,
+                          .not_kept = &TargetsNotDrawn}));
+    list.push_back(Drawn({.name = "vox",
+                          .extension = ".vox",
+                          .title = "MagicaVoxel",
+                          .open = &MakeVoxFile,
+                          .not_kept = &PlaceNotInVox}));
+    list.push_back(Drawn({.name = "binvox",
+                          .extension = ".binvox",
+                          .title = "binvox",
+                          .open = &MakeBinvoxFile,
+                          .not_kept = &NotInBinvox}));
 #ifdef VOXELPIPE_HAVE_NANOVDB
-    list.push_back({.name = "nvdb", .extension = ".nvdb", .title = "NanoVDB", .sparse = true, .open = &MakeNvdbFile});
+    list.push_back(Collected({.name = "nvdb", .extension = ".nvdb", .title = "NanoVDB", .open = &MakeNvdbFile}));
 #endif
 #ifdef VOXELPIPE_HAVE_OPENVDB
-    list.push_back({.name = "vdb", .extension = ".vdb", .title = "OpenVDB", .sparse = true, .open = &MakeVdbFile});
+    list.push_back(Collected({.name = "vdb", .extension = ".vdb", .title = "OpenVDB", .open = &MakeVdbFile}));
 #endif
 #ifdef VOXELPIPE_HAVE_VIEWER
     list.push_back(
-        {.name = "html", .extension = ".html", .title = "page with a viewer", .sparse = true, .open = &MakeHtmlFile});
+        Collected({.name = "html", .extension = ".html", .title = "page with a viewer", .open = &MakeHtmlFile}));
 #endif
     list.push_back({.name = "png", .extension = ".png", .title = "picture", .sparse = true, .buckets = true});
     return list;

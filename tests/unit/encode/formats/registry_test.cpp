@@ -34,6 +34,14 @@ TEST(FormatRegistry, HasEachNameOnce) {
   EXPECT_EQ(FormatNames().size(), names.size());
 }
 
+// The server charges the memory of results by this.
+TEST(FormatRegistry, FormatsThatCollectTheResultSaySo) {
+  const std::set<std::string_view> collect = {"ply", "glb", "merged.glb", "vox", "binvox", "nvdb", "vdb", "html"};
+  for (const OutputFormat& format : OutputFormats()) {
+    EXPECT_EQ(format.whole, collect.contains(format.name)) << format.name;
+  }
+}
+
 TEST(FormatRegistry, TheLongestExtensionOfANameWins) {
   EXPECT_EQ(FileExtension("d.npy/A.NII.GZ"), ".nii.gz");
   EXPECT_EQ(FileExtension("a.npy.gz"), ".gz");
