@@ -9,8 +9,8 @@
 
 namespace voxelpipe {
 
-VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerContext& context) {
-  const std::shared_ptr<VoxelizeCall> call(new VoxelizeCall(state, context));
+VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerContext& server_context) {
+  const std::shared_ptr<VoxelizeCall> call(new VoxelizeCall(state, server_context));
   call->KeepAlive(std::shared_ptr<ResultCall>(call, call.get()));
   call->upload_wait_ = call->WaitForClient(state.options.upload_idle_timeout_ms, "sent too little of its mesh");
   if (absl::Status status = MayBegin(call->pass_, call->record_); !status.ok()) {
@@ -22,8 +22,8 @@ VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerCont
   return call.get();
 }
 
-VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& context)
-    : ResultCall(state, context, Rpc::kVoxelize, SmallResult::kInPieces) {}
+VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& server_context)
+    : ResultCall(state, server_context, Rpc::kVoxelize, SmallResult::kInPieces) {}
 
 void VoxelizeCall::OnReadDone(bool ok) {
   if (!ok) {

@@ -17,7 +17,7 @@ namespace voxelpipe {
 class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>, private ResultCall {
  public:
   // The reactor of a new call. `state` must outlive it.
-  static VoxelizeCall* Create(ServiceState& state, grpc::CallbackServerContext& context);
+  static VoxelizeCall* Create(ServiceState& state, grpc::CallbackServerContext& server_context);
 
   void OnReadDone(bool ok) override;
   void OnWriteDone(bool ok) override { WriteDone(ok); }
@@ -26,7 +26,7 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
   bool InternalInlineable() override { return kReactAtOnce; }
 
  private:
-  VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& context);
+  VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& server_context);
 
   // With mutex_ held.
   absl::Status TakeMessage(v1::VoxelizeRequest& request);

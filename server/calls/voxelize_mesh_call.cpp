@@ -13,9 +13,9 @@
 
 namespace voxelpipe {
 
-VoxelizeMeshCall* VoxelizeMeshCall::Create(ServiceState& state, grpc::CallbackServerContext& context,
+VoxelizeMeshCall* VoxelizeMeshCall::Create(ServiceState& state, grpc::CallbackServerContext& server_context,
                                            grpc::ByteBuffer& request) {
-  const std::shared_ptr<VoxelizeMeshCall> call(new VoxelizeMeshCall(state, context));
+  const std::shared_ptr<VoxelizeMeshCall> call(new VoxelizeMeshCall(state, server_context));
   call->KeepAlive(std::shared_ptr<ResultCall>(call, call.get()));
   absl::Status status = MayBegin(call->pass_, call->record_);
   if (status.ok()) status = call->TakeRequest(request);
@@ -27,8 +27,8 @@ VoxelizeMeshCall* VoxelizeMeshCall::Create(ServiceState& state, grpc::CallbackSe
   return call.get();
 }
 
-VoxelizeMeshCall::VoxelizeMeshCall(ServiceState& state, grpc::CallbackServerContext& context)
-    : ResultCall(state, context, Rpc::kVoxelizeMesh, SmallResult::kInOneMessage) {}
+VoxelizeMeshCall::VoxelizeMeshCall(ServiceState& state, grpc::CallbackServerContext& server_context)
+    : ResultCall(state, server_context, Rpc::kVoxelizeMesh, SmallResult::kInOneMessage) {}
 
 absl::Status VoxelizeMeshCall::TakeRequest(grpc::ByteBuffer& message) {
   google::protobuf::Arena arena;

@@ -13,7 +13,7 @@ namespace voxelpipe {
 class VoxelizeMeshCall final : public grpc::ServerWriteReactor<grpc::ByteBuffer>, private ResultCall {
  public:
   // The reactor of a new call. `state` must outlive it; `request` is consumed immediately.
-  static VoxelizeMeshCall* Create(ServiceState& state, grpc::CallbackServerContext& context, grpc::ByteBuffer& request);
+  static VoxelizeMeshCall* Create(ServiceState& state, grpc::CallbackServerContext& server_context, grpc::ByteBuffer& request);
 
   void OnWriteDone(bool ok) override { WriteDone(ok); }
   void OnCancel() override { Cancelled(); }
@@ -21,7 +21,7 @@ class VoxelizeMeshCall final : public grpc::ServerWriteReactor<grpc::ByteBuffer>
   bool InternalInlineable() override { return kReactAtOnce; }
 
  private:
-  VoxelizeMeshCall(ServiceState& state, grpc::CallbackServerContext& context);
+  VoxelizeMeshCall(ServiceState& state, grpc::CallbackServerContext& server_context);
 
   absl::Status TakeRequest(grpc::ByteBuffer& message);
 

@@ -131,8 +131,8 @@ absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, con
   for (const OutputPlan& plan : plans) {
     if (plan.result.empty() && plan.standard_output.empty()) continue;
     const std::string extension = plan.result.empty() ? plan.standard_output : FileExtension(plan.result);
-    if (absl::Status s = CheckHolds(extension, kind, targets); !s.ok()) {
-      return Wrong("--output: ", std::string(s.message()));
+    if (const absl::Status holds = CheckHolds(extension, kind, targets); !holds.ok()) {
+      return Wrong("--output: ", std::string(holds.message()));
     }
     if (!names.format.empty() && extension != usual) {
       return Wrong("--format: '", plan.result, "' is no ", names.format, "; leave --format out, or change the name");

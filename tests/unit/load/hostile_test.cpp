@@ -11,6 +11,7 @@
 #include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
+#include "support/counting_memory.h"
 #include "support/meshes/hostile_meshes.h"
 #include "support/slowdown.h"
 

@@ -153,8 +153,8 @@ std::vector<std::string> FormatsWithWriters() {
 }
 
 INSTANTIATE_TEST_SUITE_P(Formats, EachFormat, ::testing::ValuesIn(FormatsWithWriters()),
-                         [](const ::testing::TestParamInfo<std::string>& info) {
-                           std::string name = info.param;
+                         [](const ::testing::TestParamInfo<std::string>& tested) {
+                           std::string name = tested.param;
                            std::erase(name, '.');
                            return name;
                          });
