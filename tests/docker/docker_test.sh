@@ -16,15 +16,19 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 source tests/docker/engine.sh
 
 target="${VOXELPIPE_DOCKER_TARGET:-cpu}"
-image="voxelpipe-test:$target"
-container=voxelpipe-docker-test
+# Of this run: the engine may be one that others use, too.
+image="voxelpipe-test:$target-$$"
+container="voxelpipe-docker-test-$$"
 keep="${VOXELPIPE_DOCKER_DIR:-}"
 work="$(mktemp -d)"
 dir="${keep:-$work/engine}"
 DOCKER=()
 
 cleanup() {
-  if [[ ${#DOCKER[@]} -gt 0 ]]; then "${DOCKER[@]}" rm -f "$container" >/dev/null 2>&1 || true; fi
+  if [[ ${#DOCKER[@]} -gt 0 ]]; then
+    "${DOCKER[@]}" rm -f "$container" >/dev/null 2>&1 || true
+    "${DOCKER[@]}" rmi --no-prune "$image" >/dev/null 2>&1 || true
+  fi
   engine_stop
   rm -rf "$work"
 }
@@ -42,16 +46,15 @@ if [[ "$target" == cuda ]]; then
   arguments=(--build-arg "CUDA_BASE=$CUDA_BASE")
 fi
 
-# The containers share the host's network, so the service needs a port that is free here.
-port=50051
-while (exec 3<>"/dev/tcp/127.0.0.1/$port") 2>/dev/null; do port=$((port + 1)); done
-address="127.0.0.1:$port"
-
 start="$(now_s)"
 DOCKER_BUILDKIT=1 "${DOCKER[@]}" build --network host --progress plain -f docker/Dockerfile --target "$target" \
   ${arguments[@]+"${arguments[@]}"} -t "$image" . \
   >"$work/build.log" 2>&1 || { tail -n 40 "$work/build.log"; fail "docker build"; }
 echo "built in $(($(now_s) - start)) s, $(($("${DOCKER[@]}" image inspect -f '{{.Size}}' "$image") / 1048576)) MiB"
+
+# The containers share the host's network, so the service needs a port that is free here: one that the system chooses.
+port="$(bash tests/support/python.sh -c 'import socket; s = socket.create_server(("", 0)); print(s.getsockname()[1])')"
+address="127.0.0.1:$port"
 
 [[ "$("${DOCKER[@]}" image inspect -f '{{.Config.StopSignal}}' "$image")" == SIGTERM ]] || fail "STOPSIGNAL is not SIGTERM"
 "${DOCKER[@]}" rm -f "$container" >/dev/null 2>&1 || true

@@ -1,14 +1,13 @@
 """usage: readme_recipes.py PROGRAMS_DIR REPOSITORY WORK_DIR
 
-Runs the recipes of README.md as they stand, but for the port, which is one that is free: the shell's in one bash, the
-Python one with the package of the repository. The C++ one is run by tests/package, docker's by `make docker-test`.
-Exit 77 with the reason if Python lacks a module that the package needs.
+Runs the recipes of README.md as they stand, but for the port, which is the one that the system gives to the server: the
+shell's in one bash, the Python one with the package of the repository. The C++ one is run by tests/package, docker's by
+`make docker-test`. Exit 77 with the reason if Python lacks a module that the package needs.
 """
 import os
 import pathlib
 import re
 import shutil
-import socket
 import subprocess
 import sys
 
@@ -21,12 +20,6 @@ def read_blocks(readme):
     """Pairs of a language and the code of each block under "## Recipes"."""
     recipes = readme.split("\n## Recipes\n")[1].split("\n## ")[0]
     return re.findall(r"^```(\w+)\n(.*?)^```$", recipes, re.S | re.M)
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def prepare_package(repository, work):
@@ -49,9 +42,8 @@ def main():
     subprocess.run([sys.executable, repository / "tests/support/make_ball.py", work / "run/bunny.glb"], check=True)
     blocks = read_blocks((repository / "README.md").read_text(encoding="utf-8"))
     assert [language for language, _ in blocks] == ["sh", "python", "cpp", "sh", "sh", "sh"], "the recipes have changed"
-    port = str(free_port())
-    shell = [code.replace("50051", port) for language, code in blocks if language == "sh" and "docker" not in code]
-    assert len(shell) == 3
+    shell = "\n".join(code for language, code in blocks if language == "sh" and "docker" not in code)
+    assert shell.count("50051") == 3 and shell.count("&\n") == 1
     python = next(code for language, code in blocks if language == "python")
     package = prepare_package(repository, work)
     environment = {key: value for key, value in os.environ.items() if not key.startswith("VOXELPIPE_")}
@@ -59,9 +51,11 @@ def main():
     core = os.environ.get("VOXELPIPE_CORE_PACKAGE", "")
     environment["PYTHONPATH"] = f"{package}:{core}"
 
-    # A server that is started in the background serves a little later than a person would type the next line.
-    serves = f"for _ in $(seq 100); do voxelpiped --probe 127.0.0.1:{port} 2>/dev/null && break; sleep 0.1; done\n"
-    script = "set -euo pipefail\n" + "\n".join(shell).replace("&\n", "&\n" + serves) + "kill %1\nwait %1 || true\n"
+    # The server says its port, and a little later than a person would type the next line.
+    told = "port=$(sed -n 's/^listening on .*://p' listening) && [[ -n $port ]]"
+    serves = f"until {told}; do kill -0 %1; sleep 0.1; done\n"
+    shell = shell.replace("50051", "$port").replace("&\n", ">listening &\n" + serves)
+    script = "set -euo pipefail\nport=0\n" + shell + "kill %1\nwait %1 || true\n"
     subprocess.run(["bash", "-c", script], cwd=work / "run", env=environment, check=True, timeout=200)
     subprocess.run([sys.executable, "-c", python], cwd=work / "run", env=environment, check=True, timeout=200)
     missing = [name for name in [*MADE, BY_PYTHON] if not (work / "run" / name).is_file()]

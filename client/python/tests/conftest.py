@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
 from typing import Iterator
 
 import pytest
@@ -32,6 +33,14 @@ def client(server: voxelpipe.LocalServer) -> Iterator[voxelpipe.Client]:
     """A client of it."""
     with server.client() as opened:
         yield opened
+
+
+@pytest.fixture()
+def nobody() -> Iterator[str]:
+    """An address at which no server listens: bound, so that no other process listens there, and a call is refused."""
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))
+        yield f"127.0.0.1:{bound.getsockname()[1]}"
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,7 @@
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
+#include "support/resources/closed_port.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/status.h"
 
@@ -386,9 +387,10 @@ TEST_F(FailureTest, ACallbackThatThrows) {
 }
 
 TEST(NoServerTest, ConnectionRefusedNamesTheTarget) {
-  const absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect("127.0.0.1:1");
+  const ClosedPort nobody;
+  const absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(nobody.address());
   ASSERT_FALSE(client.ok());
-  EXPECT_STATUS(client.status(), kUnavailable, "127.0.0.1:1");
+  EXPECT_STATUS(client.status(), kUnavailable, nobody.address());
 }
 
 TEST(NoServerTest, ServerThatDiesIsUnavailable) {

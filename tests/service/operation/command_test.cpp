@@ -16,6 +16,7 @@
 #include "gtest/gtest.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
+#include "support/resources/closed_port.h"
 #include "unit/cli/cli_process.h"
 #include "unit/cli/cli_runner.h"
 
@@ -408,17 +409,18 @@ TEST_F(BatchTest, ABusyServerIsWaitedFor) {
 
 TEST_F(BatchTest, ServersThatAreNotThereEndTheRunAndAreNamed) {
   WriteList(50, 16);
-  std::vector<std::string> arguments = Command("out", "127.0.0.1:1");
+  const ClosedPort nobody;
+  std::vector<std::string> arguments = Command("out", nobody.address());
   arguments.insert(arguments.end(), {"--lost-timeout", "1"});
   const CliOutcome outcome = RunCli(arguments);
   EXPECT_EQ(outcome.exit_code, 1);
   EXPECT_EQ(LineCount(outcome.err), 2u) << outcome.err;  // at once, and at the end
-  EXPECT_THAT(outcome.err, HasSubstr("127.0.0.1:1"));
+  EXPECT_THAT(outcome.err, HasSubstr(nobody.address()));
   EXPECT_THAT(outcome.err, HasSubstr("Connection refused"));
   EXPECT_THAT(outcome.err, HasSubstr("50 items are left"));
   const json report = json::parse(ReadFile(directory_ / "out.json"));
   EXPECT_EQ(report["totals"]["left"], 50);
-  EXPECT_THAT(std::string(report["error"]), HasSubstr("127.0.0.1:1"));
+  EXPECT_THAT(std::string(report["error"]), HasSubstr(nobody.address()));
 }
 
 TEST_F(BatchTest, AServerThatDiesForGoodEndsTheRun) {

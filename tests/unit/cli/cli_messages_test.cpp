@@ -5,11 +5,13 @@
 #include <filesystem>
 
 #include "cli_runner.h"
+#include "support/resources/closed_port.h"
 
 namespace voxelpipe {
 namespace {
 
 using testing::CliOutcome;
+using testing::ClosedPort;
 using ::testing::HasSubstr;
 using testing::LineCount;
 using ::testing::Not;
@@ -59,7 +61,8 @@ TEST_F(CliMessages, AnOptionOfTheOtherPlaceIsRefused) {
     EXPECT_THAT(Error({"voxelize", box_, flag, "x"}, 2), HasSubstr(std::string(flag) + " requires --server")) << flag;
   }
   EXPECT_THAT(Error({"voxelize", box_, "--tls"}, 2), HasSubstr("--tls requires --server"));
-  EXPECT_THAT(Error({"voxelize", box_, "--threads", "2", "--server", "127.0.0.1:1"}, 2),
+  const ClosedPort nobody;
+  EXPECT_THAT(Error({"voxelize", box_, "--threads", "2", "--server", nobody.address()}, 2),
               HasSubstr("--threads excludes --server"));
 }
 #endif
@@ -91,11 +94,13 @@ TEST_F(CliMessages, AMissingMeshNamesTheNearestFileOrTheMissingDirectory) {
 
 #ifdef VOXELPIPE_HAVE_SERVICE
 TEST_F(CliMessages, AServerThatIsNotThereNamesHowToStartOne) {
+  const ClosedPort nobody;
   for (const std::vector<std::string>& arguments :
        {std::vector<std::string>{"voxelize", box_}, {"info", box_}, {"shaders"}, {"server-info"}}) {
     std::vector<std::string> with_server = arguments;
-    with_server.insert(with_server.end(), {"--server", "127.0.0.1:1"});
-    EXPECT_THAT(Error(with_server, 1), HasSubstr("'voxelpiped --listen 127.0.0.1:1' starts a server there"));
+    with_server.insert(with_server.end(), {"--server", nobody.address()});
+    EXPECT_THAT(Error(with_server, 1),
+                HasSubstr("'voxelpiped --listen " + nobody.address() + "' starts a server there"));
   }
 }
 #endif
