@@ -23,6 +23,7 @@
 #include "gtest/gtest.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
+#include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/status.h"
 
@@ -42,8 +43,6 @@ struct Answer {
 
 class DeviceFaultTest : public ::testing::Test {
  protected:
-  ~DeviceFaultTest() override { std::remove(file_.c_str()); }
-
   void Start(std::vector<std::string> arguments = {}) {
     arguments.insert(arguments.end(), {"--log-level", "error", "--probe-interval-ms", "20", "--max-probe-interval-ms",
                                        "40", "--lame-duck-ms", "10"});
@@ -163,7 +162,8 @@ class DeviceFaultTest : public ::testing::Test {
   }
 
   const std::vector<uint8_t> glb_ = TorusGlb(16);
-  const std::string file_ = ::testing::TempDir() + "faults_" + std::to_string(getpid());
+  const TemporaryDirectory directory_;
+  const std::string file_ = directory_ / "faults";
   int changes_ = 0;
   std::unique_ptr<ServerProcess> server_;
   std::shared_ptr<grpc::Channel> channel_;

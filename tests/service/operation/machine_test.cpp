@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -85,12 +86,11 @@ class ControlGroup {
  public:
   // Empty: none can be made here.
   ControlGroup() {
-    const std::string name = "voxelpipe_test_" + std::to_string(getpid());
     const std::filesystem::path root = "/sys/fs/cgroup";
     if (std::filesystem::exists(root / "cgroup.controllers")) {
-      Make(root / name, {{"cpu.max", "50000 100000"}, {"memory.max", "536870912"}});
-    } else if (Make(root / "cpu" / name, {{"cpu.cfs_quota_us", "50000"}})) {
-      Make(root / "memory" / name, {{"memory.limit_in_bytes", "536870912"}});
+      Make(root, {{"cpu.max", "50000 100000"}, {"memory.max", "536870912"}});
+    } else if (Make(root / "cpu", {{"cpu.cfs_quota_us", "50000"}})) {
+      Make(root / "memory", {{"memory.limit_in_bytes", "536870912"}});
     }
   }
   ~ControlGroup() {
@@ -108,9 +108,11 @@ class ControlGroup {
     out << text << std::flush;
     return out.good();
   }
-  bool Make(const std::filesystem::path& folder, const std::map<std::string, std::string>& files) {
-    if (!std::filesystem::create_directory(folder, ignored_)) return whole_ = false;
-    folders_.push_back(folder);
+  // A group of its own below `parent`.
+  bool Make(const std::filesystem::path& parent, const std::map<std::string, std::string>& files) {
+    std::string pattern = (parent / "voxelpipe_test_XXXXXX").string();
+    if (mkdtemp(pattern.data()) == nullptr) return whole_ = false;
+    const std::filesystem::path& folder = folders_.emplace_back(pattern);
     whole_ = std::all_of(files.begin(), files.end(), [&](const auto& file) {
       return std::filesystem::exists(folder / file.first) && Write(folder / file.first, file.second);
     });

@@ -16,17 +16,13 @@
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
+#include "support/resources/temporary_directory.h"
 
 namespace voxelpipe::testing {
 namespace {
 
 class MetricsPathTest : public ::testing::Test {
  protected:
-  ~MetricsPathTest() override {
-    std::remove(faults_.c_str());
-    std::remove(tokens_.c_str());
-  }
-
   void Start(std::vector<std::string> arguments, const std::string& token = "") {
     arguments.insert(arguments.end(), {"--log-level", "off", "--http-listen", "127.0.0.1:0"});
     auto server = ServerProcess::StartFaulty(faults_, arguments);
@@ -96,8 +92,9 @@ class MetricsPathTest : public ::testing::Test {
     return mesh.value_or(StoredMesh{}).mesh_id;
   }
 
-  const std::string faults_ = ::testing::TempDir() + "metrics_faults_" + std::to_string(getpid());
-  const std::string tokens_ = ::testing::TempDir() + "metrics_tokens_" + std::to_string(getpid());
+  const TemporaryDirectory directory_;
+  const std::string faults_ = directory_ / "faults";
+  const std::string tokens_ = directory_ / "tokens.json";
   const std::vector<uint8_t> glb_ = TorusGlb(8);
   int changes_ = 0;
   JobContext job_;

@@ -2,7 +2,6 @@
 #include <signal.h>
 
 #include <cstdlib>
-#include <filesystem>
 #include <fstream>
 #include <sstream>
 #include <string>
@@ -19,6 +18,7 @@
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
+#include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 
 namespace voxelpipe::testing {
@@ -32,8 +32,6 @@ using ::testing::StartsWith;
 class ObserveTest : public ::testing::Test {
  protected:
   void Start(std::vector<std::string> arguments = {}) {
-    log_path_ = (std::filesystem::temp_directory_path() / ("voxelpiped-" + std::to_string(getpid()) + ".log")).string();
-    std::filesystem::remove(log_path_);
     arguments.insert(arguments.end(), {"--http-listen", "127.0.0.1:0", "--log-format", "json"});
     server_ = StartServer(arguments, log_path_);
     ASSERT_NE(server_, nullptr);
@@ -43,10 +41,6 @@ class ObserveTest : public ::testing::Test {
     client_ = ConnectTo(*server_);
     ASSERT_NE(client_, nullptr);
     channel_ = grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials());
-  }
-  void TearDown() override {
-    server_.reset();
-    std::filesystem::remove(log_path_);
   }
   double Sample(const std::string& name) { return SampleOf(HttpGet(http_, "/metrics"), name); }
 
@@ -64,7 +58,9 @@ class ObserveTest : public ::testing::Test {
     return found;
   }
 
-  std::string log_path_, http_;
+  const TemporaryDirectory directory_;
+  const std::string log_path_ = directory_ / "server.log";
+  std::string http_;
   std::unique_ptr<ServerProcess> server_;
   std::unique_ptr<Client> client_;
   std::shared_ptr<grpc::Channel> channel_;

@@ -22,6 +22,7 @@
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
+#include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/request.h"
 #include "wire/status.h"
@@ -33,11 +34,6 @@ using ::testing::Contains;
 
 class OperationTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    log_path_ = ::testing::TempDir() + "operation_" + ::testing::UnitTest::GetInstance()->current_test_info()->name();
-    std::filesystem::remove(log_path_);
-  }
-  void TearDown() override { std::filesystem::remove(log_path_); }
   void Start(const std::vector<std::string>& arguments = {}) {
     server_ = StartServer(arguments, log_path_);
     ASSERT_NE(server_, nullptr);
@@ -69,7 +65,8 @@ class OperationTest : public ::testing::Test {
     return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
   }
 
-  std::string log_path_;
+  const TemporaryDirectory directory_;
+  const std::string log_path_ = directory_ / "server.log";
   std::unique_ptr<ServerProcess> server_;
   std::shared_ptr<grpc::Channel> channel_;
   std::unique_ptr<v1::VoxelizationService::Stub> stub_;

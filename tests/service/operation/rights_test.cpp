@@ -8,7 +8,6 @@
 #include <atomic>
 #include <chrono>
 #include <csignal>
-#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <future>
@@ -27,6 +26,7 @@
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
+#include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/request.h"
 #include "wire/status.h"
@@ -41,8 +41,6 @@ using ::testing::HasSubstr;
 class RightsTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    folder_ = ::testing::TempDir() + "rights_" + ::testing::UnitTest::GetInstance()->current_test_info()->name();
-    std::filesystem::create_directories(folder_);
     const auto client = [](const std::string& name, const std::string& role, const std::string& more = "") {
       return R"({"name": ")" + name + R"(", "role": ")" + role + R"(", "token": "token-of-the-)" + name + "\"" + more +
              "}";
@@ -52,7 +50,6 @@ class RightsTest : public ::testing::Test {
         << client("few", "user", R"(, "calls_per_second": 0.001, "burst_calls": 4)") << "," << client("eye", "monitor")
         << "," << client("boss", "admin") << "]}";
   }
-  void TearDown() override { std::filesystem::remove_all(folder_); }
 
   void Start(std::vector<std::string> arguments = {}) {
     arguments.insert(arguments.end(), {"--token-file", folder_ + "/tokens.json", "--http-listen", "127.0.0.1:0"});
@@ -117,7 +114,8 @@ class RightsTest : public ::testing::Test {
     return FromGrpcStatus(stub_->DeleteMesh(&context, request, &response));
   }
 
-  std::string folder_;
+  const TemporaryDirectory directory_;
+  const std::string folder_ = directory_.path().string();
   std::unique_ptr<ServerProcess> server_;
   std::unique_ptr<v1::VoxelizationService::Stub> stub_;
 };

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <chrono>
-#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <iterator>
@@ -15,6 +14,7 @@
 #include "service/support/http_get.h"
 #include "service/support/server_process.h"
 #include "service/support/web_client.h"
+#include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "wire/request.h"
 
@@ -32,17 +32,6 @@ inline bool BecomesTrue(const std::function<bool()>& condition) {
 
 class WebServerTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    const auto* const test = ::testing::UnitTest::GetInstance()->current_test_info();
-    folder_ = ::testing::TempDir() + "web_" + test->test_suite_name() + "_" + test->name();
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-  }
-  void TearDown() override {
-    server_.reset();
-    std::filesystem::remove_all(folder_);
-  }
-
   void Start(std::vector<std::string> arguments = {}) {
     arguments.insert(arguments.end(), {"--web-listen", "127.0.0.1:0", "--http-listen", "127.0.0.1:0"});
     server_ = StartServer(arguments, folder_ + "/server.log");
@@ -69,7 +58,9 @@ class WebServerTest : public ::testing::Test {
     return message;
   }
 
-  std::string folder_, web_, http_;
+  const TemporaryDirectory directory_;
+  const std::string folder_ = directory_.path().string();
+  std::string web_, http_;
   std::unique_ptr<ServerProcess> server_;
 };
 

@@ -30,17 +30,13 @@ std::string Contents(const fs::path& path) {
 class FileTest : public WebServerTest {
  protected:
   void SetUp() override {
-    WebServerTest::SetUp();
     // The server inherits it, and must leave nothing there.
     fs::create_directories(folder_ + "/tmp");
     setenv("TMPDIR", (folder_ + "/tmp").c_str(), 1);
     std::ofstream(folder_ + "/torus.glb", std::ios::binary)
         .write(reinterpret_cast<const char*>(torus_.data()), std::streamsize(torus_.size()));
   }
-  void TearDown() override {
-    unsetenv("TMPDIR");
-    WebServerTest::TearDown();
-  }
+  void TearDown() override { unsetenv("TMPDIR"); }
 
   HttpReply FileOf(const std::string& format, const std::string& message, HttpHeaders headers = {}) {
     headers.emplace_back("Content-Type", "application/x-protobuf");

@@ -1,13 +1,12 @@
 #include "base/machine.h"
 
-#include <unistd.h>
-
 #include <filesystem>
 #include <fstream>
 #include <string>
 #include <string_view>
 
 #include "gtest/gtest.h"
+#include "support/resources/temporary_directory.h"
 
 namespace voxelpipe {
 namespace {
@@ -27,14 +26,10 @@ constexpr char kFirstOnly[] =
 class MachineTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    root_ = std::filesystem::temp_directory_path() / ("machine_test_" + std::to_string(getpid()));
-    std::filesystem::remove_all(root_);
-    std::filesystem::create_directories(root_);
     Write("proc/self/status",
           "Name:\tvoxelpiped\nCpus_allowed:\tffff\nCpus_allowed_list:\t0-15\nMems_allowed_list:\t0\n");
     Write("proc/meminfo", "MemTotal:        8388608 kB\nMemFree:          123456 kB\n");
   }
-  void TearDown() override { std::filesystem::remove_all(root_); }
 
   void Write(const std::string& name, std::string_view text) {
     const std::filesystem::path file = root_ / name;
@@ -52,7 +47,8 @@ class MachineTest : public ::testing::Test {
   }
   MachineLimits Read() const { return ReadMachineLimits(root_); }
 
-  std::filesystem::path root_;
+  const testing::TemporaryDirectory directory_;
+  const std::filesystem::path root_ = directory_.path();
 };
 
 TEST_F(MachineTest, TheWholeMachineWhereNoControlGroupBoundsIt) {

@@ -10,6 +10,7 @@
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
+#include "support/resources/temporary_directory.h"
 
 namespace voxelpipe {
 namespace {
@@ -20,15 +21,12 @@ using ::testing::HasSubstr;
 class PackTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    root_ = fs::temp_directory_path() / ("voxelpipe_pack_" + std::to_string(::getpid()) + "_" +
-                                         ::testing::UnitTest::GetInstance()->current_test_info()->name());
     fs::create_directories(root_ / "model" / "sub");
     const float positions[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
     triangle_.assign(reinterpret_cast<const char*>(positions), sizeof positions);
     Write("model/tri.bin", triangle_);
     Write("secret.bin", triangle_);
   }
-  void TearDown() override { fs::remove_all(root_); }
 
   void Write(const std::string& name, const std::string& bytes) {
     std::ofstream(root_ / name, std::ios::binary) << bytes;
@@ -54,7 +52,8 @@ class PackTest : public ::testing::Test {
     return scene.ok() ? CountTriangles(*scene) : 0;
   }
 
-  fs::path root_;
+  const testing::TemporaryDirectory directory_;
+  const fs::path root_ = directory_.path();
   std::string triangle_;
 };
 

@@ -14,6 +14,7 @@
 #include "mesh/texture_faults.h"
 #include "shaders/texture/srgb.h"
 #include "support/meshes/glb_builder.h"
+#include "support/resources/temporary_directory.h"
 #include "support/warnings.h"
 #include "unit/load/text_mesh.h"
 
@@ -126,8 +127,6 @@ TEST(ObjMaterialTest, FaultsInALibraryGiveWarnings) {
 class PackObjTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    root_ = fs::path(::testing::TempDir()) / ::testing::UnitTest::GetInstance()->current_test_info()->name();
-    fs::remove_all(root_);
     Write("model/parts/all.mtl",
           "newmtl a\nmap_Kd -s 1 1 1 my wood.png\nnewmtl b\nmap_Kd my wood.png\nmap_Ke .\\my wood.png");
     Write("model/parts/my wood.png", Png());
@@ -143,7 +142,8 @@ class PackObjTest : public ::testing::Test {
         ReadAndPackMeshFile((root_ / "model/a.obj").string(), {}, nullptr, outside);
     return packed.ok() ? std::string(packed->begin(), packed->end()) : std::string(packed.status().message());
   }
-  fs::path root_;
+  const testing::TemporaryDirectory directory_;
+  const fs::path root_ = directory_.path();
 };
 
 TEST_F(PackObjTest, PutsLibrariesAndTexturesIn) {

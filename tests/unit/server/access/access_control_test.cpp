@@ -6,6 +6,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "support/resources/temporary_directory.h"
 #include "wire/status.h"
 
 namespace voxelpipe {
@@ -26,8 +27,8 @@ class AccessControlTest : public ::testing::Test {
     return control.Admit(authorization, rpc).status().code();
   }
 
-  const std::string path_ =
-      ::testing::TempDir() + "tokens_" + ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".json";
+  const testing::TemporaryDirectory directory_;
+  const std::string path_ = directory_ / "tokens.json";
   Metrics metrics_;
 };
 

@@ -12,6 +12,7 @@
 
 #include <cerrno>
 #include <csignal>
+#include <string>
 #include <thread>
 
 #include <tbb/parallel_for.h>
@@ -19,6 +20,7 @@
 #include "gtest/gtest.h"
 #include "isolate/mesh_fields.h"
 #include "support/meshes/compressed_meshes.h"
+#include "support/resources/temporary_directory.h"
 
 namespace voxelpipe {
 namespace {
@@ -33,11 +35,11 @@ int InChild(Body body) {
   return WIFSIGNALED(status) ? 128 + WTERMSIG(status) : WEXITSTATUS(status);
 }
 
-// 0 where the kernel refuses all of it, else a number that tells which it did not.
-int TryWhatIsForbidden() {
+// 0 where the kernel refuses all of it, else a number that tells which it did not. `file`: a name that is free.
+int TryWhatIsForbidden(const char* file) {
   const auto refused = [](long result) { return result == -1 && errno == EPERM; };  // NOLINT(google-runtime-int)
   if (!refused(open("/etc/hostname", O_RDONLY))) return 1;
-  if (!refused(open("/tmp/voxelpipe-sandbox", O_WRONLY | O_CREAT, 0600))) return 2;
+  if (!refused(open(file, O_WRONLY | O_CREAT, 0600))) return 2;
   if (!refused(socket(AF_INET, SOCK_STREAM, 0))) return 3;
   if (!refused(socket(AF_UNIX, SOCK_STREAM, 0))) return 4;
   if (!refused(fork())) return 5;
@@ -52,26 +54,30 @@ int TryWhatIsForbidden() {
   void* const page = mmap(nullptr, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (page == MAP_FAILED) return 12;
   if (!refused(mprotect(page, 4096, PROT_READ | PROT_EXEC))) return 13;
-  if (!refused(unlink("/tmp/voxelpipe-sandbox"))) return 14;
+  if (!refused(unlink(file))) return 14;
   if (!refused(memfd_create("x", 0))) return 15;
   return 0;
 }
 
 TEST(SandboxTest, TheKernelRefusesAllButMemoryThreadsAndOpenDescriptors) {
   if (IsSanitizedBuild()) GTEST_SKIP() << "sanitizers use what is refused";
-  EXPECT_EQ(InChild([] { return EnterSandbox().ok() ? TryWhatIsForbidden() : 100; }), 0);
-  EXPECT_NE(InChild(TryWhatIsForbidden), 0) << "without it, some of it works";
+  const testing::TemporaryDirectory directory;
+  const std::string file = directory / "file";
+  EXPECT_EQ(InChild([&] { return EnterSandbox().ok() ? TryWhatIsForbidden(file.c_str()) : 100; }), 0);
+  EXPECT_NE(InChild([&] { return TryWhatIsForbidden(file.c_str()); }), 0) << "without it, some of it works";
 }
 
 TEST(SandboxTest, ThreadsThatExistAlreadyAreBoundToo) {
   if (IsSanitizedBuild()) GTEST_SKIP() << "sanitizers use what is refused";
-  EXPECT_EQ(InChild([] {
+  const testing::TemporaryDirectory directory;
+  const std::string file = directory / "file";
+  EXPECT_EQ(InChild([&] {
               int ends[2];
               if (pipe(ends) != 0) return 100;
               int outcome = 101;
               std::thread before([&] {
                 char byte = 0;
-                if (read(ends[0], &byte, 1) == 1) outcome = TryWhatIsForbidden();
+                if (read(ends[0], &byte, 1) == 1) outcome = TryWhatIsForbidden(file.c_str());
               });
               const bool entered = EnterSandbox().ok();
               if (write(ends[1], "x", 1) != 1) return 102;

@@ -10,6 +10,7 @@
 
 #include "base/machine.h"
 #include "gtest/gtest.h"
+#include "support/resources/temporary_directory.h"
 
 namespace voxelpipe {
 namespace {
@@ -60,8 +61,9 @@ class Variable {
 
 // A config file of the running test.
 std::string ConfigFile(const std::string& text) {
+  static const testing::TemporaryDirectory directory;
   const std::string path =
-      ::testing::TempDir() + "voxelpiped_" + ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".toml";
+      directory / (::testing::UnitTest::GetInstance()->current_test_info()->name() + std::string(".toml"));
   std::ofstream(path) << text;
   return path;
 }
