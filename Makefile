@@ -77,6 +77,10 @@ docker-test: configure ## Build the image with a local engine, run it, call it f
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe
 	VOXELPIPE_DOCKER_TEST=1 bash tests/docker/docker_test.sh $(BUILD_DIR)/bin/voxelpipe
 
+.PHONY: fresh-test
+fresh-test: ## Run make demo and make test each in a bare Debian 12 (root; slow); FRESH_ARGS="--only demo": one
+	@bash tests/fresh/fresh_test.sh $(FRESH_ARGS)
+
 fuzz: ## Fuzz the parsers under sanitizers, FUZZ_SECONDS long each; FUZZERS="stl ply": these (docker/packages-fuzz.txt)
 	@bash tests/support/apt_install.sh docker/packages-fuzz.txt
 	@$(MAKE) --no-print-directory PRESET=fuzz configure
