@@ -1,7 +1,7 @@
 // The report of a run of `voxelpipe batch`.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 #include "batch/batch_run.h"

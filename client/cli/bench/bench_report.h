@@ -1,7 +1,7 @@
 // The report of `voxelpipe bench`.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 #include "bench/load.h"

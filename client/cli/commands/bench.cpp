@@ -1,6 +1,7 @@
 #include <exception>
 #include <map>
 #include <new>
+#include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
 #include "bench/bench_report.h"

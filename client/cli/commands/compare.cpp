@@ -1,6 +1,7 @@
 #include <cmath>
 #include <exception>
 #include <new>
+#include <nlohmann/json.hpp>
 
 #include "commands/commands.h"
 #include "compare/compare_report.h"

@@ -1,5 +1,7 @@
 #include "compare/compare_report.h"
 
+#include <nlohmann/json.hpp>
+
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "engine/report.h"

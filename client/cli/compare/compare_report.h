@@ -1,7 +1,7 @@
 // The output of `voxelpipe compare`.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 #include "compare/comparison.h"

@@ -1,7 +1,7 @@
 // The health of a mesh as `voxelpipe info` prints it.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <utility>
 #include <vector>

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <map>
 #include <mutex>
+#include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
 #include "batch/batch_report.h"
