@@ -1,11 +1,12 @@
 // voxelpipe: voxelizes triangle meshes, in this process or on a server.
-#include <CLI/CLI.hpp>
+#include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <new>
 
 #include "absl/synchronization/mutex.h"
 #include "base/threads.h"
+#include "command_line/command.h"
 #include "command_line/usage_error.h"
 #include "commands/commands.h"
 #include "engine/interrupt.h"
@@ -15,10 +16,10 @@
 namespace {
 
 // An empty value comes from an unset variable of a script: no option accepts it.
-void RefuseEmptyValues(CLI::App& app) {
-  for (CLI::App* command : app.get_subcommands([](CLI::App*) { return true; })) {
-    for (CLI::Option* option : command->get_options()) {
-      if (option->get_expected_max() > 0) option->check(voxelpipe::cli::RefuseEmpty);
+void RefuseEmptyValues(const voxelpipe::Program& app) {
+  for (const voxelpipe::Command& command : app.commands()) {
+    for (voxelpipe::Option option : command.options()) {
+      if (option.max_values() > 0) option.Check(voxelpipe::cli::RefuseEmpty);
     }
   }
 }
@@ -29,11 +30,11 @@ int main(int argc, char** argv) {
   using namespace voxelpipe::cli;
   int exit_code = 0;
   try {
-    CLI::App app{"voxelpipe voxelizes triangle meshes (glTF 2.0, GLB, Draco), in this process or on a server."};
-    app.name("voxelpipe");
-    app.require_subcommand(1);
-    app.set_version_flag("--version", VOXELPIPE_VERSION);
-    app.footer(
+    voxelpipe::Program app(
+        "voxelpipe", "voxelpipe voxelizes triangle meshes (glTF 2.0, GLB, Draco), in this process or on a server.",
+        VOXELPIPE_VERSION);
+    app.RequireCommand();
+    app.SetFooter(
         "Exit status: 0 done, 1 a job failed (one line on stderr says why), 2 an option is wrong, "
         "3 only permanent errors of a batch are left, which another run repeats.");
     AddVoxelizeCommand(app, exit_code);
@@ -53,11 +54,12 @@ int main(int argc, char** argv) {
     absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
     HandleInterrupts();
     voxelpipe::LimitThreadsToCpus();
-    try {
-      app.parse(argc, argv);
-    } catch (const CLI::ParseError& error) {
-      if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-      PrintError("", voxelpipe::UsageError(app, error));
+    if (const auto stop = app.Parse({argv + 1, argv + argc}); stop) {
+      if (stop->kind == voxelpipe::ParseStop::Kind::kAnswered) {
+        std::fputs(stop->text.c_str(), stdout);
+        return 0;
+      }
+      PrintError("", voxelpipe::UsageError(app, *stop));
       return 2;
     }
   } catch (const std::bad_alloc&) {

@@ -4,8 +4,9 @@
 #include <cstdlib>
 #include <fstream>
 #include <map>
+#include <utility>
 
-#include <CLI/CLI.hpp>
+#include "absl/status/statusor.h"
 
 namespace voxelpipe {
 namespace {
@@ -15,44 +16,42 @@ struct Found {
   std::string value, source;
 };
 
-std::map<std::string, std::string> ReadConfigFile(const CLI::App& app, const std::string& path) {
+// Out: the values of the file by the first names of their options; or the error in it.
+absl::StatusOr<std::map<std::string, std::string>> ReadConfigFile(const Program& program, const std::string& path) {
+  const auto error = [](const std::string& text) { return absl::InvalidArgumentError(text); };
   std::ifstream file(path);
   file.peek();  // a directory opens and cannot be read
-  if (file.bad() || !file.is_open()) throw CLI::FileError("--config: " + path + " cannot be read");
+  if (file.bad() || !file.is_open()) return error("--config: " + path + " cannot be read");
   std::map<std::string, std::string> values;
-  for (const CLI::ConfigItem& item : CLI::ConfigTOML().from_config(file)) {
-    if (item.name == "++" || item.name == "--") continue;  // begin and end of a section
-    std::string key = item.fullname();
-    const CLI::Option* option = item.parents.empty() ? app.get_option_no_throw("--" + key) : nullptr;
-    if (option == nullptr || !option->get_configurable()) {
-      throw CLI::ConfigError(path + ": " + key + " is not an option of the config file");
+  for (const ConfigItem& item : ReadConfigItems(file)) {
+    const std::optional<Option> option = item.in_section ? std::nullopt : program.FindOption("--" + item.key);
+    if (!option || !option->configurable()) {
+      return error(path + ": " + item.key + " is not an option of the config file");
     }
-    key = option->get_lnames()[0];  // an option may have a second name
-    if (item.inputs.size() != 1) throw CLI::ConfigError(path + ": " + key + " needs one value, once");
-    if (!values.emplace(key, item.inputs[0]).second) throw CLI::ConfigError(path + ": " + key + " is given twice");
+    const std::string& key = option->long_names()[0];  // an option may have a second name
+    if (item.values.size() != 1) return error(path + ": " + key + " needs one value, once");
+    if (!values.emplace(key, item.values[0]).second) return error(path + ": " + key + " is given twice");
   }
   return values;
 }
 
-void ParseAgain(CLI::App& app, std::vector<std::string> arguments, const std::map<std::string, Found>& found) {
+std::optional<ParseStop> ParseAgain(Program& program, std::vector<std::string> arguments,
+                                    const std::map<std::string, Found>& found) {
   for (const auto& [key, at] : found) arguments.push_back("--" + key + "=" + at.value);
-  std::reverse(arguments.begin(), arguments.end());
-  try {
-    app.parse(arguments);
-  } catch (const CLI::ValidationError& error) {
-    // "--key: reason"; if the value was not given as a flag, the error names its source.
-    const std::string text = error.what();
-    for (const auto& [key, at] : found) {
-      if (text.starts_with("--" + key + ":")) throw CLI::ValidationError(at.source, text);
+  std::optional<ParseStop> stop = program.Parse(std::move(arguments));
+  if (!stop) return std::nullopt;
+  // If the value was not given as a flag, the error names its source.
+  for (const auto& [key, at] : found) {
+    if (stop->kind == ParseStop::Kind::kCheck && stop->text.starts_with("--" + key + ":")) {
+      stop->text = at.source + ": " + stop->text;
+      break;
     }
-    throw;
-  } catch (const CLI::ConversionError& error) {
-    const std::string text = error.what();
-    for (const auto& [key, at] : found) {
-      if (text.find("--" + key) != std::string::npos) throw CLI::ConversionError(at.source + ": " + text, "");
+    if (stop->kind == ParseStop::Kind::kConversion && stop->text.find("--" + key) != std::string::npos) {
+      stop->text = "The value " + at.source + ": " + stop->text + " is not an allowed value for ";
+      break;
     }
-    throw;
   }
+  return stop;
 }
 
 bool IsBare(const std::string& value) {
@@ -73,8 +72,8 @@ std::string VariableOf(const std::string& flag) {
 namespace {
 
 // The variable that sets the option, under any of its names; empty if none does.
-std::string SetVariableOf(const CLI::Option& option) {
-  for (const std::string& name : option.get_lnames()) {
+std::string SetVariableOf(const Option& option) {
+  for (const std::string& name : option.long_names()) {
     std::string variable = VariableOf(name);
     if (const char* value = std::getenv(variable.c_str()); value != nullptr && *value != '\0') return variable;
   }
@@ -83,27 +82,33 @@ std::string SetVariableOf(const CLI::Option& option) {
 
 }  // namespace
 
-std::vector<OptionValue> ParseFromAllSources(CLI::App& app, int argc, const char* const* argv) {
-  app.parse(argc, argv);
+std::optional<ParseStop> ParseFromAllSources(Program& program, int argc, const char* const* argv,
+                                             std::vector<OptionValue>& values) {
   std::vector<std::string> given(argv + 1, argv + argc);
+  if (std::optional<ParseStop> stop = program.Parse(given)) return stop;
   std::map<std::string, std::string> sources;
   std::map<std::string, Found> found;
   std::string config;
-  if (const CLI::Option* option = app.get_option("--config"); option->count() > 0) {
-    config = option->as<std::string>();
+  if (const std::optional<Option> option = program.FindOption("--config"); option->count() > 0) {
+    config = option->value();
   } else if (const char* value = std::getenv("VOXELPIPE_CONFIG")) {
     config = value;
   }
   std::map<std::string, std::string> in_file;
-  if (!config.empty()) in_file = ReadConfigFile(app, config);
+  if (!config.empty()) {
+    absl::StatusOr<std::map<std::string, std::string>> read = ReadConfigFile(program, config);
+    if (!read.ok()) return ParseStop{ParseStop::Kind::kOther, std::string(read.status().message())};
+    in_file = *std::move(read);
+  }
 
-  std::vector<CLI::Option*> options = app.get_options([](CLI::Option* o) { return o->get_configurable(); });
-  std::erase_if(options,
-                [](CLI::Option* o) { return o->get_lnames()[0] == "help" || o->get_lnames()[0] == "version"; });
-  for (const CLI::Option* option : options) {
-    const std::string& key = option->get_lnames()[0];
-    const std::string variable = SetVariableOf(*option);
-    if (option->count() > 0) {
+  std::vector<Option> options = program.options();
+  std::erase_if(options, [](const Option& o) {
+    return !o.configurable() || o.long_names()[0] == "help" || o.long_names()[0] == "version";
+  });
+  for (const Option& option : options) {
+    const std::string& key = option.long_names()[0];
+    const std::string variable = SetVariableOf(option);
+    if (option.count() > 0) {
       sources[key] = "flag";
     } else if (!variable.empty()) {
       found[key] = {std::getenv(variable.c_str()), sources[key] = "environment " + variable};
@@ -113,16 +118,17 @@ std::vector<OptionValue> ParseFromAllSources(CLI::App& app, int argc, const char
       sources[key] = "default";
     }
   }
-  if (!found.empty()) ParseAgain(app, std::move(given), found);
+  if (!found.empty()) {
+    if (std::optional<ParseStop> stop = ParseAgain(program, std::move(given), found)) return stop;
+  }
 
-  std::vector<OptionValue> values;
-  for (const CLI::Option* option : options) {
-    const std::string& key = option->get_lnames()[0];
-    std::string value = option->count() > 0 ? option->results().back() : option->get_default_str();
-    if (option->get_type_name() == "BOOLEAN") value = option->as<bool>() ? "true" : "false";
+  for (const Option& option : options) {
+    const std::string& key = option.long_names()[0];
+    std::string value = option.count() > 0 ? option.value() : option.default_text();
+    if (option.is_bool()) value = option.bool_value() ? "true" : "false";
     values.push_back({key, std::move(value), sources[key]});
   }
-  return values;
+  return std::nullopt;
 }
 
 std::string ToConfigText(const std::vector<OptionValue>& values) {

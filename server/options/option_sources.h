@@ -2,12 +2,11 @@
 // file, that over the default. Only this code has this order.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
-namespace CLI {
-class App;
-}
+#include "command_line/command.h"
 
 namespace voxelpipe {
 
@@ -21,12 +20,13 @@ struct OptionValue {
 // "--max-queue" -> "VOXELPIPE_MAX_QUEUE".
 std::string VariableOf(const std::string& flag);
 
-// Parses the command line into the variables that `app` is bound to; missing options come from the environment and then
-// from the config file that its option --config (flag or variable) names. Only configurable options have a variable and
-// a key. An empty variable or key counts as not given. Out: all configurable options in the order of --help. Throws
-// CLI::ParseError (help and version included), naming the source; a key that `app` does not have, or a file that cannot
-// be read, is an error.
-std::vector<OptionValue> ParseFromAllSources(CLI::App& app, int argc, const char* const* argv);
+// Parses the command line into the variables of `program`; missing options come from the environment and then from the
+// config file that its option --config (flag or variable) names. Only configurable options have a variable and a key.
+// An empty variable or key counts as not given. Out: nothing, and in `values` all configurable options in the order of
+// --help; otherwise why it stopped (help and version included), naming the source. A key that `program` does not have,
+// or a file that cannot be read, is an error.
+std::optional<ParseStop> ParseFromAllSources(Program& program, int argc, const char* const* argv,
+                                             std::vector<OptionValue>& values);
 
 // Lines of a config file that sets the same values: `key = value  # source`.
 std::string ToConfigText(const std::vector<OptionValue>& values);

@@ -4,9 +4,8 @@
 #include <cstdio>
 #include <map>
 
-#include <CLI/CLI.hpp>
-
 #include "base/machine.h"
+#include "command_line/command.h"
 #include "command_line/usage_error.h"
 #include "options/option_list.h"
 
@@ -40,7 +39,7 @@ std::string ProbeAddress(const ServerOptions& options) {
 }
 
 // The error in a value of --gpus; empty if valid.
-std::string CheckGpus(std::string& text) {
+std::string CheckGpus(const std::string& text) {
   if (text == "all" || text == "none") return "";
   for (size_t at = 0, comma; at <= text.size(); at = comma + 1) {
     comma = std::min(text.find(',', at), text.size());
@@ -51,7 +50,7 @@ std::string CheckGpus(std::string& text) {
 }
 
 // The error in HOST:PORT; empty if valid. gRPC takes port 99999 for 34463, and ::1 for port 1 of the host ":".
-std::string CheckHostPort(std::string& text) {
+std::string CheckHostPort(const std::string& text) {
   const size_t colon = text.rfind(':');
   const std::string port = colon == std::string::npos ? "" : text.substr(colon + 1);
   const bool digits = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
@@ -64,26 +63,27 @@ std::string CheckHostPort(std::string& text) {
 }
 
 // Of gRPC's address.
-std::string CheckListen(std::string& text) {
+std::string CheckListen(const std::string& text) {
   if (!text.starts_with("unix:")) return CheckHostPort(text);
   return text == "unix:" ? "unix: without the path of a socket" : "";
 }
 
 // Of the HTTP port's.
-std::string CheckHttpListen(std::string& text) {
+std::string CheckHttpListen(const std::string& text) {
   return text.empty() ? "" : CheckHostPort(text);
 }
 
-// Options that are valid each by itself, but not together. Throws ValidationError.
-void CheckTogether(const ServerOptions& options, const std::vector<OptionValue>& values) {
+// Options that are valid each by itself, but not together. Out: the error, if there is one.
+std::optional<ParseStop> CheckTogether(const ServerOptions& options, const std::vector<OptionValue>& values) {
   for (const OptionValue& value : values) {
     if (value.key != "max-file-bytes" || value.source == "default") continue;
     if (options.max_upload_bytes == 0 || options.max_file_bytes <= options.max_upload_bytes) continue;
-    const std::string flag = "--" + value.key;
-    throw CLI::ValidationError(
-        value.source == "flag" ? flag : value.source + ": " + flag,
-        value.value + " is more than --max-upload-bytes, " + std::to_string(options.max_upload_bytes));
+    const std::string source = value.source == "flag" ? "" : value.source + ": ";
+    return ParseStop{ParseStop::Kind::kCheck, source + "--" + value.key + ": " + value.value +
+                                                  " is more than --max-upload-bytes, " +
+                                                  std::to_string(options.max_upload_bytes)};
   }
+  return std::nullopt;
 }
 
 // The defaults that depend on other options.
@@ -102,16 +102,16 @@ void AddServing(OptionList& list, ServerOptions& o) {
   list.Add("--listen", o.listen, "HOST:PORT",
            "address of the gRPC service; port 0 picks one, which the line \"listening on HOST:PORT\" reports; "
            "unix:/PATH for a socket")
-      ->check(CLI::Validator(CheckListen, ""));
+      .Check(CheckListen);
   list.Add("--http-listen", o.http_listen, "HOST:PORT",
            "address of /metrics, /livez and /readyz over HTTP; port 0 picks one, which the line \"http on HOST:PORT\" "
            "reports")
-      ->check(CLI::Validator(CheckHttpListen, ""));
+      .Check(CheckHttpListen);
   list.Add(
           "--web-listen", o.web_listen, "HOST:PORT",
           "address of the page for browsers, of gRPC-Web and of result files, over HTTP without TLS; port 0 picks one, "
           "which the line \"web on http://HOST:PORT\" reports; none: no page")
-      ->check(CLI::Validator(CheckHttpListen, ""));
+      .Check(CheckHttpListen);
   list.Add("--web-origin", o.web_origin, "ORIGIN,...",
            "further origins whose pages may use that address, such as https://voxels.example.org of a proxy before it");
   list.AddBytes("--web-file-bytes", o.web_file_bytes, 1, "temporary files of results that browsers download, together");
@@ -142,7 +142,7 @@ void AddWork(OptionList& list, ServerOptions& o, std::string& backend, std::stri
   list.AddNumber("--cpu-workers", o.cpu_workers, 0, 1024, "batches",
                  "the same, and takes precedence over --workers; 0: as --workers");
   list.Add("--gpus", o.gpus, "", "GPUs to use: all, none, or their numbers separated by commas (0,2)")
-      ->check(CLI::Validator(CheckGpus, "all|none|N,N..."));
+      .Check(CheckGpus, "all|none|N,N...");
   list.AddNumber("--gpu-streams", o.gpu_streams, 1, 64, "batches",
                  "batches that run on one GPU at the same time, each on a CUDA stream of its own");
   list.Add("--fallback", o.fallback,
@@ -288,12 +288,11 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   ServerOptions o;
   std::string backend = "auto", simd = "auto", probe, config;
   bool check_config = false, help_markdown = false;
-  CLI::App app{"Voxelizes meshes that clients send over gRPC", "voxelpiped"};
-  app.set_version_flag("--version", VOXELPIPE_VERSION);
-  app.footer(
+  Program app("voxelpiped", "Voxelizes meshes that clients send over gRPC", VOXELPIPE_VERSION);
+  app.SetFooter(
       "Every option is also a VOXELPIPE_ variable (--max-queue: VOXELPIPE_MAX_QUEUE) and a key of the config file "
       "(max-queue). A flag takes precedence over a variable, a variable over the file.");
-  app.option_defaults()->always_capture_default();
+  app.ShowDefaults();
   OptionList list(app);
   AddServing(list, o);
   AddWork(list, o, backend, simd);
@@ -303,25 +302,27 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   AddAccess(list, o);
   AddLog(list, o);
   list.Group("On the command line alone");
-  list.AddCommand(app.add_option("--config", config, "read options from this TOML file; also VOXELPIPE_CONFIG"))
-      ->type_name("FILE");
-  list.AddCommand(app.add_flag("--check-config", check_config,
-                               "print every option with its value and source, check the files that they name, and "
-                               "exit"));
-  CLI::Option* const probe_option =
-      list.AddCommand(app.add_option("--probe", probe,
-                                     "ask the server at this address (http://HOST:PORT: its /readyz; none: the one "
-                                     "that these options would start) for its health: exit 0 if it serves, else 1"))
-          ->type_name("[HOST:PORT]")
-          ->expected(0, 1);
-  list.AddCommand(app.add_flag("--help-markdown", help_markdown, "print the tables of server/OPERATIONS.md, and exit"));
+  list.AddCommand(app.AddOption("--config", config, "read options from this TOML file; also VOXELPIPE_CONFIG"))
+      .Type("FILE");
+  list.AddCommand(app.AddFlag("--check-config", check_config,
+                              "print every option with its value and source, check the files that they name, and "
+                              "exit"));
+  const Option probe_option =
+      list.AddCommand(app.AddOption("--probe", probe,
+                                    "ask the server at this address (http://HOST:PORT: its /readyz; none: the one "
+                                    "that these options would start) for its health: exit 0 if it serves, else 1"))
+          .Type("[HOST:PORT]")
+          .Values(0, 1);
+  list.AddCommand(app.AddFlag("--help-markdown", help_markdown, "print the tables of server/OPERATIONS.md, and exit"));
   std::vector<OptionValue> values;
-  try {
-    values = ParseFromAllSources(app, argc, argv);
-    CheckTogether(o, values);
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return {std::nullopt, app.exit(error)};  // --help, --version
-    std::fprintf(stderr, "voxelpiped: %s\n", UsageError(app, error).c_str());
+  std::optional<ParseStop> stop = ParseFromAllSources(app, argc, argv, values);
+  if (!stop) stop = CheckTogether(o, values);
+  if (stop && stop->kind == ParseStop::Kind::kAnswered) {
+    std::fputs(stop->text.c_str(), stdout);
+    return {std::nullopt, 0};
+  }
+  if (stop) {
+    std::fprintf(stderr, "voxelpiped: %s\n", UsageError(app, *stop).c_str());
     return {std::nullopt, 2};
   }
   if (help_markdown) {
@@ -332,7 +333,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
   o.simd = kSimds.at(simd);
   ChooseDefaults(o, values);
   CommandLine command{o, std::nullopt, check_config, std::move(values)};
-  if (probe_option->count() > 0) command.probe = probe.empty() ? ProbeAddress(o) : probe;
+  if (probe_option.count() > 0) command.probe = probe.empty() ? ProbeAddress(o) : probe;
   return {command, 0};
 }
 

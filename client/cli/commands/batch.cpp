@@ -144,53 +144,50 @@ int Batch(BatchArguments& arguments) {
 
 }  // namespace
 
-void AddBatchCommand(CLI::App& app, int& exit_code) {
+void AddBatchCommand(Command& app, int& exit_code) {
   auto arguments = std::make_shared<BatchArguments>();
   BatchPlan& plan = arguments->plan;
-  CLI::App* command =
-      app.add_subcommand("batch", "Voxelize the meshes of a list; a further run continues where the last one stopped");
+  Command command =
+      app.AddCommand("batch", "Voxelize the meshes of a list; a further run continues where the last one stopped");
   const std::string group = "Batch";
-  const auto add = [&](const char* name, auto& value, const std::string& type, const char* text) {
-    return command->add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  const auto add = [&](const char* name, ValueRef value, const std::string& type, const char* text) {
+    return command.AddOption(name, value, Wrapped(text)).Group(group).Type(type);
   };
   command
-      ->add_option("MANIFEST", plan.manifest,
-                   Wrapped("JSON lines, an object a mesh: \"input\", optionally \"id\", \"output\", \"format\", "
-                           "\"preview\", \"view\" and any option below without its dashes"))
-      ->required()
-      ->type_name("")
-      ->check(RefuseEmpty);
-  add("--output-dir", plan.output_dir, "D", "Where the results go")->required()->check(RefuseEmpty);
+      .AddOption("MANIFEST", plan.manifest,
+                 Wrapped("JSON lines, an object a mesh: \"input\", optionally \"id\", \"output\", \"format\", "
+                         "\"preview\", \"view\" and any option below without its dashes"))
+      .Required()
+      .Type("")
+      .Check(RefuseEmpty);
+  add("--output-dir", plan.output_dir, "D", "Where the results go").Required().Check(RefuseEmpty);
   add("--format", arguments->defaults.format, FormatChoices(), "Of outputs that name none (default npy; npz for lists)")
-      ->check(CLI::IsMember(FormatNames()));
+      .Choices(FormatNames());
   add("--view", arguments->defaults.view, "VIEW",
       "Camera of pictures: iso (default), front, back, left, right, top, bottom, or AZIMUTH,ELEVATION in degrees")
-      ->check(RefuseEmpty);
+      .Check(RefuseEmpty);
   add("--jobs", arguments->jobs, "N", "Meshes at the same time (default: up to 4; with servers 4 for each)");
   add("--shard", arguments->shard, "i/n", "Only every n-th mesh, from the i-th on; i from 0 to n-1, n/n is 0/n");
   command
-      ->add_option("--server", plan.servers,
-                   Wrapped("Servers to distribute the meshes to, with commas or several --server"))
-      ->group(group)
-      ->type_name("HOST:PORT")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
-      ->each([](const std::string& server) {
-        if (server.empty()) throw CLI::ValidationError("--server", "must not be empty");
-      });
+      .AddOption("--server", plan.servers,
+                 Wrapped("Servers to distribute the meshes to, with commas or several --server"))
+      .Group(group)
+      .Type("HOST:PORT")
+      .Delimiter(',')
+      .Repeatable()
+      .Check([](const std::string& server) { return server.empty() ? "--server: must not be empty" : ""; });
   add("--retries", plan.retries, "R", "Further attempts for a mesh whose server failed or timed out (default 5)");
   add("--busy-timeout", arguments->busy_timeout_s, "S", "Seconds to wait for overloaded servers (default 600)");
   add("--lost-timeout", arguments->lost_timeout_s, "S",
       "Seconds to wait for any server once none can be reached; then the run ends (default 30)");
   add("--deadline-ms", arguments->deadline_ms, "T", "Longest time of an attempt (default: none)");
-  command->add_flag("--fail-fast", plan.fail_fast, "Start no mesh after one has failed")->group(group);
-  add("--report", arguments->report, "FILE", "Write the outcome of each mesh, as JSON")->check(RefuseEmpty);
-  command->add_flag("--json", arguments->json, "Print the totals as one JSON object")->group(group);
-  AddProgressFlag(*command, arguments->progress, group);
-  AddMeshFlags(*command, arguments->defaults.mesh);
-  AddRequestFlags(*command, arguments->defaults.request);
-  command->callback([arguments, &exit_code] { exit_code = Batch(*arguments); });
+  command.AddFlag("--fail-fast", plan.fail_fast, "Start no mesh after one has failed").Group(group);
+  add("--report", arguments->report, "FILE", "Write the outcome of each mesh, as JSON").Check(RefuseEmpty);
+  command.AddFlag("--json", arguments->json, "Print the totals as one JSON object").Group(group);
+  AddProgressFlag(command, arguments->progress, group);
+  AddMeshFlags(command, arguments->defaults.mesh);
+  AddRequestFlags(command, arguments->defaults.request);
+  command.SetCallback([arguments, &exit_code] { exit_code = Batch(*arguments); });
 }
 
 }  // namespace voxelpipe::cli

@@ -110,27 +110,27 @@ int Bench(BenchArguments& arguments) {
   return status.ok() && result->tally.ok > 0 ? 0 : 1;
 }
 
-void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments) {
+void AddLoadOptions(Command& command, LoadPlan& plan, BenchArguments& arguments) {
   const std::string group = "Load";
-  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
-    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  const auto add = [&](const char* name, ValueRef value, const char* type, const char* text) {
+    return command.AddOption(name, value, Wrapped(text)).Group(group).Type(type);
   };
   const auto flag = [&](const char* name, bool& value, const char* text) {
-    return command.add_flag(name, value, Wrapped(text))->group(group);
+    return command.AddFlag(name, value, Wrapped(text)).Group(group);
   };
-  CLI::Option* concurrency =
+  const Option concurrency =
       add("--concurrency", plan.concurrency, "C",
           "Closed loop (the default, with 1): C clients, each of which sends its next request after the last response");
   add("--rate", plan.rate, "R",
       "Open loop: R requests a second, independent of responses; latency counts from the scheduled send time (no "
       "coordinated omission)")
-      ->excludes(concurrency);
+      .Excludes(concurrency);
   add("--arrivals", arguments.arrivals, "poisson|fixed",
       "Gaps of the open loop (default poisson: as from many callers)")
-      ->check(CLI::IsMember({"poisson", "fixed"}));
+      .Choices({"poisson", "fixed"});
   add("--seed", plan.seed, "N", "Seed of the random gaps (default 1)");
   add("--duration", plan.seconds, "S", "Seconds in which requests are sent; then the run waits for all responses")
-      ->required();
+      .Required();
   add("--warmup", plan.warmup_seconds, "S", "Seconds of load before the measurement (default 0)");
   add("--deadline-ms", arguments.deadline_ms, "D", "Deadline of each call (default: none)");
   add("--connections", plan.connections, "K",
@@ -151,39 +151,34 @@ void AddLoadOptions(CLI::App& command, LoadPlan& plan, BenchArguments& arguments
        "Send equal requests, which may share a run on the server. Otherwise they differ without effect on the "
        "result");
   add("--server-pid", plan.server_pid, "PID", "Process of a server on this machine: its CPU time is measured too");
-  add("--priority", plan.priority, "high|normal|low", "Of the requests")
-      ->check(CLI::IsMember({"high", "normal", "low"}));
-  add("--compression", plan.compression, "none|zstd", "Of the results")->check(CLI::IsMember({"none", "zstd"}));
+  add("--priority", plan.priority, "high|normal|low", "Of the requests").Choices({"high", "normal", "low"});
+  add("--compression", plan.compression, "none|zstd", "Of the results").Choices({"none", "zstd"});
   flag("--without-hash", plan.without_hash, "No SHA-256 of results; each piece still has its CRC-32C");
   add("--queue-timeout-ms", plan.queue_timeout_ms, "T", "Maximum wait of a request for a worker");
-  add("--fallback", arguments.fallback, "yes|no", "yes: another kind of worker may run the job")
-      ->check(CLI::IsMember({"yes", "no"}));
+  add("--fallback", arguments.fallback, "yes|no", "yes: another kind of worker may run the job").Choices({"yes", "no"});
 }
 
 }  // namespace
 
-void AddBenchCommand(CLI::App& app, int& exit_code) {
+void AddBenchCommand(Command& app, int& exit_code) {
   auto arguments = std::make_shared<BenchArguments>();
-  CLI::App* command = app.add_subcommand("bench", "Put a load on servers and measure throughput and latency");
+  Command command = app.AddCommand("bench", "Put a load on servers and measure throughput and latency");
   command
-      ->add_option("MESH", arguments->mesh,
-                   "Mesh file: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input")
-      ->required()
-      ->type_name("");
-  command->add_option("--server", arguments->plan.servers, Wrapped("A server; several with commas or several --server"))
-      ->required()
-      ->type_name("HOST:PORT")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
-      ->each([](const std::string& server) {
-        if (server.empty()) throw CLI::ValidationError("--server", "must not be empty");
-      });
-  command->add_flag("--json", arguments->json, "Print one JSON object");
-  AddMeshFlags(*command, arguments->mesh_flags);
-  AddLoadOptions(*command, arguments->plan, *arguments);
-  AddRequestFlags(*command, arguments->request);
-  command->callback([arguments, &exit_code] { exit_code = Bench(*arguments); });
+      .AddOption("MESH", arguments->mesh,
+                 "Mesh file: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input")
+      .Required()
+      .Type("");
+  command.AddOption("--server", arguments->plan.servers, Wrapped("A server; several with commas or several --server"))
+      .Required()
+      .Type("HOST:PORT")
+      .Delimiter(',')
+      .Repeatable()
+      .Check([](const std::string& server) { return server.empty() ? "--server: must not be empty" : ""; });
+  command.AddFlag("--json", arguments->json, "Print one JSON object");
+  AddMeshFlags(command, arguments->mesh_flags);
+  AddLoadOptions(command, arguments->plan, *arguments);
+  AddRequestFlags(command, arguments->request);
+  command.SetCallback([arguments, &exit_code] { exit_code = Bench(*arguments); });
 }
 
 }  // namespace voxelpipe::cli

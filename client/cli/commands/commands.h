@@ -2,8 +2,9 @@
 // wrong, StoppedExitCode if the user stopped it.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <string>
+
+#include "command_line/command.h"
 
 namespace voxelpipe::cli {
 
@@ -12,15 +13,15 @@ inline std::string RefuseEmpty(const std::string& text) {
   return text.empty() ? "must not be empty" : "";
 }
 
-void AddBatchCommand(CLI::App& app, int& exit_code);
-void AddBenchCommand(CLI::App& app, int& exit_code);
-void AddCompareCommand(CLI::App& app, int& exit_code);
+void AddBatchCommand(Command& app, int& exit_code);
+void AddBenchCommand(Command& app, int& exit_code);
+void AddCompareCommand(Command& app, int& exit_code);
 // These read `app` when they run: all commands are there then.
-void AddCompletionCommand(CLI::App& app, int& exit_code);
-void AddManualCommand(CLI::App& app, int& exit_code);
-void AddVoxelizeCommand(CLI::App& app, int& exit_code);
-void AddInfoCommand(CLI::App& app, int& exit_code);
-void AddShadersCommand(CLI::App& app, int& exit_code);
-void AddServerInfoCommand(CLI::App& app, int& exit_code);
+void AddCompletionCommand(Command& app, int& exit_code);
+void AddManualCommand(Command& app, int& exit_code);
+void AddVoxelizeCommand(Command& app, int& exit_code);
+void AddInfoCommand(Command& app, int& exit_code);
+void AddShadersCommand(Command& app, int& exit_code);
+void AddServerInfoCommand(Command& app, int& exit_code);
 
 }  // namespace voxelpipe::cli

@@ -60,19 +60,19 @@ int Run(const CompareArguments& arguments) {
 
 }  // namespace
 
-void AddCompareCommand(CLI::App& app, int& exit_code) {
+void AddCompareCommand(Command& app, int& exit_code) {
   auto arguments = std::make_shared<CompareArguments>();
-  CLI::App* command = app.add_subcommand("compare", "Compare two results: grid, occupancy and values");
-  command->footer("Exit status: 0 equal, 1 different, 2 cannot be compared.");
+  Command command = app.AddCommand("compare", "Compare two results: grid, occupancy and values");
+  command.SetFooter("Exit status: 0 equal, 1 different, 2 cannot be compared.");
   const char* text = "Results of one kind: .npy, .npz, .raw or .raw.json";
-  command->add_option("A", arguments->a, text)->required()->type_name("")->check(RefuseEmpty);
-  command->add_option("B", arguments->b, text)->required()->type_name("")->check(RefuseEmpty);
+  command.AddOption("A", arguments->a, text).Required().Type("").Check(RefuseEmpty);
+  command.AddOption("B", arguments->b, text).Required().Type("").Check(RefuseEmpty);
   command
-      ->add_option("--tolerance", arguments->tolerance,
-                   Wrapped("Largest difference of two values that is none (default 0)"))
-      ->type_name("T");
-  command->add_flag("--json", arguments->json, "Print one JSON object");
-  command->callback([arguments, &exit_code] { exit_code = Run(*arguments); });
+      .AddOption("--tolerance", arguments->tolerance,
+                 Wrapped("Largest difference of two values that is none (default 0)"))
+      .Type("T");
+  command.AddFlag("--json", arguments->json, "Print one JSON object");
+  command.SetCallback([arguments, &exit_code] { exit_code = Run(*arguments); });
 }
 
 }  // namespace voxelpipe::cli

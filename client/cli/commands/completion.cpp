@@ -16,17 +16,17 @@ int Print(std::string text) {
 
 }  // namespace
 
-void AddCompletionCommand(CLI::App& app, int& exit_code) {
+void AddCompletionCommand(Command& app, int& exit_code) {
   auto shell = std::make_shared<std::string>();
-  CLI::App* command = app.add_subcommand("completion", "Print a script that completes command lines in a shell");
+  Command command = app.AddCommand("completion", "Print a script that completes command lines in a shell");
   command
-      ->add_option("SHELL", *shell,
-                   Wrapped("The shell. bash: source <(voxelpipe completion bash); zsh the same, after compinit; fish: "
-                           "voxelpipe completion fish | source"))
-      ->required()
-      ->type_name("bash|zsh|fish")
-      ->check(CLI::IsMember({"bash", "zsh", "fish"}));
-  command->callback([&app, shell, &exit_code] {
+      .AddOption("SHELL", *shell,
+                 Wrapped("The shell. bash: source <(voxelpipe completion bash); zsh the same, after compinit; fish: "
+                         "voxelpipe completion fish | source"))
+      .Required()
+      .Type("bash|zsh|fish")
+      .Choices({"bash", "zsh", "fish"});
+  command.SetCallback([&app, shell, &exit_code] {
     const ProgramModel program = ModelOf(app);
     exit_code = Print(*shell == "bash"  ? BashCompletion(program)
                       : *shell == "zsh" ? ZshCompletion(program)
@@ -34,9 +34,9 @@ void AddCompletionCommand(CLI::App& app, int& exit_code) {
   });
 }
 
-void AddManualCommand(CLI::App& app, int& exit_code) {
-  CLI::App* command = app.add_subcommand("manual", "Print the manual page: voxelpipe manual | man -l -");
-  command->callback([&app, &exit_code] { exit_code = Print(ManualPage(ModelOf(app), VOXELPIPE_VERSION)); });
+void AddManualCommand(Command& app, int& exit_code) {
+  Command command = app.AddCommand("manual", "Print the manual page: voxelpipe manual | man -l -");
+  command.SetCallback([&app, &exit_code] { exit_code = Print(ManualPage(ModelOf(app), VOXELPIPE_VERSION)); });
 }
 
 }  // namespace voxelpipe::cli

@@ -154,22 +154,22 @@ absl::Status Info(const InfoArguments& arguments) {
 
 }  // namespace
 
-void AddInfoCommand(CLI::App& app, int& exit_code) {
+void AddInfoCommand(Command& app, int& exit_code) {
   auto arguments = std::make_shared<InfoArguments>();
-  CLI::App* command = app.add_subcommand("info", "Describe a mesh file: contents, health, and the fill that suits it");
+  Command command = app.AddCommand("info", "Describe a mesh file: contents, health, and the fill that suits it");
   command
-      ->add_option("FILE", arguments->path,
-                   "Mesh file: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input")
-      ->required()
-      ->type_name("");
+      .AddOption("FILE", arguments->path,
+                 "Mesh file: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input")
+      .Required()
+      .Type("");
   command
-      ->add_option("--server", arguments->server,
-                   "Let this server inspect the file; the health is checked without it only")
-      ->type_name("HOST:PORT")
-      ->check(RefuseEmpty);
-  command->add_flag("--json", arguments->json, "Print one JSON object");
-  AddMeshFlags(*command, arguments->mesh);
-  command->callback([arguments, &exit_code] {
+      .AddOption("--server", arguments->server,
+                 "Let this server inspect the file; the health is checked without it only")
+      .Type("HOST:PORT")
+      .Check(RefuseEmpty);
+  command.AddFlag("--json", arguments->json, "Print one JSON object");
+  AddMeshFlags(command, arguments->mesh);
+  command.SetCallback([arguments, &exit_code] {
     if (const absl::Status status = CheckServerOption(arguments->server); !status.ok()) {
       PrintError("", status);
       exit_code = 2;

@@ -22,14 +22,14 @@ size_t TerminalColumns() {
 
 }  // namespace
 
-void AddProgressFlag(CLI::App& command, std::string& kind, const std::string& group) {
+void AddProgressFlag(Command& command, std::string& kind, const std::string& group) {
   command
-      .add_option("--progress", kind,
-                  Wrapped("Progress on standard error: auto (default) a line if that is a terminal, json an object a "
-                          "line (stage, fraction, item, items, elapsed_ms, eta_ms), none"))
-      ->type_name("auto|json|none")
-      ->group(group)
-      ->check(CLI::IsMember({"auto", "json", "none"}));
+      .AddOption("--progress", kind,
+                 Wrapped("Progress on standard error: auto (default) a line if that is a terminal, json an object a "
+                         "line (stage, fraction, item, items, elapsed_ms, eta_ms), none"))
+      .Type("auto|json|none")
+      .Group(group)
+      .Choices({"auto", "json", "none"});
 }
 
 ProgressView::ProgressView(const std::string& kind, size_t items)

@@ -1,19 +1,19 @@
 // The progress of a command on stderr: a line on a terminal, or JSON lines.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <string>
 #include <string_view>
 
+#include "command_line/command.h"
 #include "engine/progress_text.h"
 
 namespace voxelpipe::cli {
 
 // Adds --progress auto|json|none to `command`.
-void AddProgressFlag(CLI::App& command, std::string& kind, const std::string& group);
+void AddProgressFlag(Command& command, std::string& kind, const std::string& group);
 
 // With "auto" a line on stderr if that is a terminal, which the destructor removes; with "json" a line for each change,
 // at most ten a second within a stage. Never on stdout. Used by one thread at a time.

@@ -23,15 +23,12 @@ int ServerInfo(const ServerInfoArguments& arguments) {
 
 }  // namespace
 
-void AddServerInfoCommand(CLI::App& app, int& exit_code) {
+void AddServerInfoCommand(Command& app, int& exit_code) {
   auto arguments = std::make_shared<ServerInfoArguments>();
-  CLI::App* command = app.add_subcommand("server-info", "Describe a server: version, devices, limits");
-  command->add_option("--server", arguments->server, "The server")
-      ->required()
-      ->type_name("HOST:PORT")
-      ->check(RefuseEmpty);
-  command->add_flag("--json", arguments->json, "Print one JSON object");
-  command->callback([arguments, &exit_code] { exit_code = ServerInfo(*arguments); });
+  Command command = app.AddCommand("server-info", "Describe a server: version, devices, limits");
+  command.AddOption("--server", arguments->server, "The server").Required().Type("HOST:PORT").Check(RefuseEmpty);
+  command.AddFlag("--json", arguments->json, "Print one JSON object");
+  command.SetCallback([arguments, &exit_code] { exit_code = ServerInfo(*arguments); });
 }
 
 }  // namespace voxelpipe::cli

@@ -80,14 +80,14 @@ int Shaders(const ShadersArguments& arguments) {
 
 }  // namespace
 
-void AddShadersCommand(CLI::App& app, int& exit_code) {
+void AddShadersCommand(Command& app, int& exit_code) {
   auto arguments = std::make_shared<ShadersArguments>();
-  CLI::App* command = app.add_subcommand("shaders", "List the shaders and their parameters");
-  command->add_flag("--json", arguments->json, "Print one JSON object");
-  command->add_option("--server", arguments->server, "List the shaders of this server")
-      ->type_name("HOST:PORT")
-      ->check(RefuseEmpty);
-  command->callback([arguments, &exit_code] { exit_code = Shaders(*arguments); });
+  Command command = app.AddCommand("shaders", "List the shaders and their parameters");
+  command.AddFlag("--json", arguments->json, "Print one JSON object");
+  command.AddOption("--server", arguments->server, "List the shaders of this server")
+      .Type("HOST:PORT")
+      .Check(RefuseEmpty);
+  command.SetCallback([arguments, &exit_code] { exit_code = Shaders(*arguments); });
 }
 
 }  // namespace voxelpipe::cli

@@ -119,55 +119,55 @@ int Voxelize(const VoxelizeArguments& arguments) {
 
 }  // namespace
 
-void AddVoxelizeCommand(CLI::App& app, int& exit_code) {
+void AddVoxelizeCommand(Command& app, int& exit_code) {
   auto arguments = std::make_shared<VoxelizeArguments>();
-  CLI::App* command = app.add_subcommand("voxelize", "Voxelize meshes");
+  Command command = app.AddCommand("voxelize", "Voxelize meshes");
   command
-      ->add_option("IN", arguments->inputs,
-                   Wrapped("Mesh files: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input. Also "
-                           "directories, for the meshes in "
-                           "them, and quoted patterns of *, ? and ** (any directories), as in 'meshes/**/*.glb'"))
-      ->required()
-      ->type_name("");
-  command->add_flag("--recursive", arguments->recursive, "Also the meshes in the directories below those of IN");
+      .AddOption("IN", arguments->inputs,
+                 Wrapped("Mesh files: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input. Also "
+                         "directories, for the meshes in "
+                         "them, and quoted patterns of *, ? and ** (any directories), as in 'meshes/**/*.glb'"))
+      .Required()
+      .Type("");
+  command.AddFlag("--recursive", arguments->recursive, "Also the meshes in the directories below those of IN");
   command
-      ->add_option("-o,--output", arguments->names.output,
-                   Wrapped(absl::StrCat(
-                       "File of the result; the extension selects the format: ", ListFormats(true),
-                       " (a picture). Several targets into ", ListFormats(true, &TakesAFileEach),
-                       ": OUT.<index>.ext. With several IN a directory, which keeps the folders below a directory or "
-                       "pattern. - is standard output, with --format; the summary then goes to standard error. "
-                       "Without it only the summary is printed")))
-      ->type_name("OUT")
-      ->check(RefuseEmpty);
+      .AddOption("-o,--output", arguments->names.output,
+                 Wrapped(absl::StrCat(
+                     "File of the result; the extension selects the format: ", ListFormats(true),
+                     " (a picture). Several targets into ", ListFormats(true, &TakesAFileEach),
+                     ": OUT.<index>.ext. With several IN a directory, which keeps the folders below a directory or "
+                     "pattern. - is standard output, with --format; the summary then goes to standard error. "
+                     "Without it only the summary is printed")))
+      .Type("OUT")
+      .Check(RefuseEmpty);
   command
-      ->add_option("--format", arguments->names.format,
-                   Wrapped("Of the result on standard output, or in a directory (default npy; npz for lists)"))
-      ->type_name(FormatChoices())
-      ->check(CLI::IsMember(FormatNames()));
-  command->add_option("--preview", arguments->names.preview, "Also write a picture: a shaded view and three slices")
-      ->type_name("PNG")
-      ->check(RefuseEmpty);
+      .AddOption("--format", arguments->names.format,
+                 Wrapped("Of the result on standard output, or in a directory (default npy; npz for lists)"))
+      .Type(FormatChoices())
+      .Choices(FormatNames());
+  command.AddOption("--preview", arguments->names.preview, "Also write a picture: a shaded view and three slices")
+      .Type("PNG")
+      .Check(RefuseEmpty);
   command
-      ->add_option("--view", arguments->names.view,
-                   Wrapped("Camera of pictures: iso (default), front, back, left, right, top, bottom, or "
-                           "AZIMUTH,ELEVATION in degrees, from +Z towards +X and above the horizon"))
-      ->type_name("VIEW")
-      ->check(RefuseEmpty);
-  command->add_flag("--json", arguments->json, "Print the summary as one JSON object a line");
-  AddProgressFlag(*command, arguments->progress, kExecutionGroup);
-  AddMeshFlags(*command, arguments->mesh);
-  AddRequestFlags(*command, arguments->request);
-  command->add_option("--server", arguments->server, "Voxelize on this server instead of in this process")
-      ->group(kExecutionGroup)
-      ->type_name("HOST:PORT")
-      ->check(RefuseEmpty);
+      .AddOption("--view", arguments->names.view,
+                 Wrapped("Camera of pictures: iso (default), front, back, left, right, top, bottom, or "
+                         "AZIMUTH,ELEVATION in degrees, from +Z towards +X and above the horizon"))
+      .Type("VIEW")
+      .Check(RefuseEmpty);
+  command.AddFlag("--json", arguments->json, "Print the summary as one JSON object a line");
+  AddProgressFlag(command, arguments->progress, kExecutionGroup);
+  AddMeshFlags(command, arguments->mesh);
+  AddRequestFlags(command, arguments->request);
+  command.AddOption("--server", arguments->server, "Voxelize on this server instead of in this process")
+      .Group(kExecutionGroup)
+      .Type("HOST:PORT")
+      .Check(RefuseEmpty);
   command
-      ->add_option("--repeat", arguments->repeat,
-                   Wrapped("Run the pipeline N times on the loaded mesh and print medians"))
-      ->group(kExecutionGroup)
-      ->type_name("N");
-  command->callback([arguments, &exit_code] { exit_code = Voxelize(*arguments); });
+      .AddOption("--repeat", arguments->repeat,
+                 Wrapped("Run the pipeline N times on the loaded mesh and print medians"))
+      .Group(kExecutionGroup)
+      .Type("N");
+  command.SetCallback([arguments, &exit_code] { exit_code = Voxelize(*arguments); });
 }
 
 }  // namespace voxelpipe::cli

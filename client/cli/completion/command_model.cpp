@@ -1,9 +1,9 @@
 #include "completion/command_model.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 
 #include "absl/strings/str_split.h"
+#include "command_line/command.h"
 #include "shaders/catalog.h"
 
 namespace voxelpipe::cli {
@@ -29,19 +29,17 @@ std::vector<std::string> ChoicesOf(const std::string& type) {
   return words ? std::vector<std::string>(absl::StrSplit(type, '|')) : std::vector<std::string>();
 }
 
-OptionModel ModelOf(const CLI::Option& option) {
+OptionModel ModelOf(const Option& option) {
   OptionModel model;
-  for (const std::string& name : option.get_snames()) model.names.push_back("-" + name);
-  for (const std::string& name : option.get_lnames()) model.names.push_back("--" + name);
-  const bool argument = option.get_positional();
-  if (argument) model.names = {option.get_name(true)};
-  model.required = option.get_required();
-  model.repeatable = option.get_expected_max() > 1;
-  model.group = option.get_group();
-  model.help = OneLine(option.get_description());
-  if (option.get_expected_max() == 0) return model;
+  model.names = option.names();
+  const bool argument = option.positional();
+  model.required = option.required();
+  model.repeatable = option.max_values() > 1;
+  model.group = option.group();
+  model.help = OneLine(option.description());
+  if (option.max_values() == 0) return model;
   // Checks with a description of their own are appended to the type.
-  const std::string type = option.get_type_name();
+  const std::string type = option.type();
   model.type = type.substr(0, type.find(":{"));
   model.choices = model.names.back() == "--shader"          ? ShaderNames(ShaderStage::kFragment)
                   : model.names.back() == "--vertex-shader" ? ShaderNames(ShaderStage::kVertex)
@@ -53,25 +51,25 @@ OptionModel ModelOf(const CLI::Option& option) {
   return model;
 }
 
-void AddOptions(const CLI::App& app, std::vector<OptionModel>& options, std::vector<OptionModel>* arguments) {
-  for (const CLI::Option* option : app.get_options()) {
-    if (option->get_group().empty()) continue;  // hidden
-    OptionModel model = ModelOf(*option);
-    (option->get_positional() && arguments != nullptr ? *arguments : options).push_back(std::move(model));
+void AddOptions(const Command& command, std::vector<OptionModel>& options, std::vector<OptionModel>* arguments) {
+  for (const Option& option : command.options()) {
+    if (option.group().empty()) continue;  // hidden
+    OptionModel model = ModelOf(option);
+    (option.positional() && arguments != nullptr ? *arguments : options).push_back(std::move(model));
   }
 }
 
 }  // namespace
 
-ProgramModel ModelOf(const CLI::App& app) {
-  ProgramModel program{app.get_name(), OneLine(app.get_description()), app.get_footer(), {}, {}};
-  AddOptions(app, program.options, nullptr);
-  for (const CLI::App* sub : app.get_subcommands([](const CLI::App*) { return true; })) {
-    CommandModel command{sub->get_name(), OneLine(sub->get_description()), sub->get_footer(), {}, {}};
-    AddOptions(*sub, command.options, &command.arguments);
-    program.commands.push_back(std::move(command));
+ProgramModel ModelOf(const Command& program) {
+  ProgramModel model{program.name(), OneLine(program.description()), program.footer(), {}, {}};
+  AddOptions(program, model.options, nullptr);
+  for (const Command& command : program.commands()) {
+    CommandModel of_command{command.name(), OneLine(command.description()), command.footer(), {}, {}};
+    AddOptions(command, of_command.options, &of_command.arguments);
+    model.commands.push_back(std::move(of_command));
   }
-  return program;
+  return model;
 }
 
 std::string FirstClause(const std::string& help) {

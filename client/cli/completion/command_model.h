@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-namespace CLI {
-class App;
+namespace voxelpipe {
+class Command;
 }
 
 namespace voxelpipe::cli {
@@ -43,9 +43,9 @@ struct ProgramModel {
   std::vector<CommandModel> commands;
 };
 
-// In: the complete application. Choices are those of a type "a|b|c"; of --shader and --vertex-shader the names in the
+// In: the complete program. Choices are those of a type "a|b|c"; of --shader and --vertex-shader the names in the
 // catalog. Files are values of the types FILE, OUT and PNG and all arguments without choices, directories those of D.
-ProgramModel ModelOf(const CLI::App& app);
+ProgramModel ModelOf(const Command& program);
 
 // Up to the end of the first sentence or clause: what fits beside a name. At most 72 bytes.
 std::string FirstClause(const std::string& help);

@@ -27,10 +27,10 @@ std::string Wrapped(const std::string& text) {
 
 namespace {
 
-void AddGridOptions(CLI::App& command, RequestOptions& request) {
+void AddGridOptions(Command& command, RequestOptions& request) {
   const std::string group = "Grid";
-  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
-    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  const auto add = [&](const char* name, ValueRef value, const char* type, const char* text) {
+    return command.AddOption(name, value, Wrapped(text)).Group(group).Type(type);
   };
   add("--resolution", request.resolution, "N", "Voxels along the longest extent (default 128)");
   add("--voxel-size", request.voxel_size, "H[,HY,HZ]", "Voxel size, one for all axes or three, in the mesh's units");
@@ -49,10 +49,10 @@ void AddGridOptions(CLI::App& command, RequestOptions& request) {
   add("--padding", request.padding, "P", "Empty voxels on every side (default 0)");
 }
 
-void AddShadingOptions(CLI::App& command, RequestOptions& request) {
+void AddShadingOptions(Command& command, RequestOptions& request) {
   const std::string group = "Voxels and values";
-  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
-    return command.add_option(name, value, Wrapped(text))->group(group)->type_name(type);
+  const auto add = [&](const char* name, ValueRef value, const char* type, const char* text) {
+    return command.AddOption(name, value, Wrapped(text)).Group(group).Type(type);
   };
   add("--coverage", request.coverage, "conservative|thin|center|none",
       "Which voxels a triangle covers (default conservative: all it touches; none: with --fill parity or nonzero, "
@@ -73,26 +73,25 @@ void AddShadingOptions(CLI::App& command, RequestOptions& request) {
       "or a "
       "parameter of the shader. "
       "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C the components of the shader")
-      ->allow_extra_args(false)
-      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+      .Repeatable();
   add("--layout", request.layout, "interleaved|planar", "Order of components (default interleaved)");
 }
 
-void AddExecutionOptions(CLI::App& command, RequestOptions& request) {
-  const auto add = [&](const char* name, auto& value, const char* type, const char* text) {
-    command.add_option(name, value, Wrapped(text))->group(kExecutionGroup)->type_name(type);
+void AddExecutionOptions(Command& command, RequestOptions& request) {
+  const auto add = [&](const char* name, ValueRef value, const char* type, const char* text) {
+    command.AddOption(name, value, Wrapped(text)).Group(kExecutionGroup).Type(type);
   };
   add("--result", request.result, "dense|sparse|buckets",
       "Kind of result (default dense): every voxel; the occupied bricks; or all fragments of each voxel");
   add("--backend", request.backend, "auto|cpu|cuda", "Backend that runs the request (default auto)");
   add("--threads", request.threads, "N", "Threads of the CPU backend in this process (default 0: all cores)");
   add("--simd", request.simd, "auto|avx512|avx2|scalar", "Instruction set of the CPU backend (default auto)");
-  command.add_flag("--strict", request.strict, "Fail at the first warning")->group(kExecutionGroup);
+  command.AddFlag("--strict", request.strict, "Fail at the first warning").Group(kExecutionGroup);
 }
 
 }  // namespace
 
-void AddRequestFlags(CLI::App& command, RequestOptions& request) {
+void AddRequestFlags(Command& command, RequestOptions& request) {
   AddGridOptions(command, request);
   AddShadingOptions(command, request);
   AddExecutionOptions(command, request);

@@ -1,9 +1,9 @@
 // The options of a request, the same for every command that voxelizes.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <string>
 
+#include "command_line/command.h"
 #include "options/request_options.h"
 
 namespace voxelpipe::cli {
@@ -14,6 +14,6 @@ inline constexpr char kExecutionGroup[] = "Execution";
 std::string Wrapped(const std::string& text);
 
 // Adds them to `command`; `request` must outlive it.
-void AddRequestFlags(CLI::App& command, RequestOptions& request);
+void AddRequestFlags(Command& command, RequestOptions& request);
 
 }  // namespace voxelpipe::cli

@@ -1,11 +1,11 @@
 #include "options/server_access.h"
 
 #include <cstdlib>
+#include <optional>
 #include <sstream>
 
-#include <CLI/CLI.hpp>
-
 #include "absl/strings/str_cat.h"
+#include "command_line/command.h"
 #include "load/local_file.h"
 #ifdef VOXELPIPE_HAVE_SERVICE
 #include "client.h"
@@ -27,17 +27,17 @@ Flags& TheFlags() {
 
 }  // namespace
 
-void AddServerAccessFlags(CLI::App& app) {
+void AddServerAccessFlags(Command& app) {
   Flags& flags = TheFlags();
-  for (CLI::App* command :
-       app.get_subcommands([](CLI::App* c) { return c->get_option_no_throw("--server") != nullptr; })) {
-    CLI::Option* const server = command->get_option("--server");
+  for (Command command : app.commands()) {
+    const std::optional<Option> server = command.FindOption("--server");
+    if (!server) continue;
     const auto add = [&](const char* name, std::string& value, const char* type, const char* help) {
-      command->add_option(name, value, help)->type_name(type)->group("The server")->needs(server);
+      command.AddOption(name, value, help).Type(type).Group("The server").Needs(*server);
     };
-    command->add_flag("--tls", flags.tls, "Use TLS, with the system's CA certificates")
-        ->group("The server")
-        ->needs(server);
+    command.AddFlag("--tls", flags.tls, "Use TLS, with the system's CA certificates")
+        .Group("The server")
+        .Needs(*server);
     add("--tls-ca", flags.ca, "FILE", "Use TLS, with these CA certificates (PEM)");
     add("--tls-cert", flags.cert, "FILE", "Use TLS, with this client certificate (PEM); needs --tls-key");
     add("--tls-key", flags.key, "FILE", "The key of --tls-cert (PEM)");
@@ -45,13 +45,13 @@ void AddServerAccessFlags(CLI::App& app) {
     add("--token-file", flags.token_file, "FILE",
         "Send the token in this file (otherwise that of VOXELPIPE_TOKEN, if set)");
     // For commands that receive results; bench has an option of its own.
-    if (command->get_name() != "voxelize" && command->get_name() != "batch") continue;
-    command->add_option("--compress", flags.compress, "Compression of results for the transfer (default none)")
-        ->type_name("none|zstd")
-        ->group("The server")
-        ->check(CLI::IsMember({"none", "zstd"}))
-        ->needs(server);
-    command->get_option("--threads")->excludes(server);  // the server's own option decides
+    if (command.name() != "voxelize" && command.name() != "batch") continue;
+    command.AddOption("--compress", flags.compress, "Compression of results for the transfer (default none)")
+        .Type("none|zstd")
+        .Group("The server")
+        .Choices({"none", "zstd"})
+        .Needs(*server);
+    command.FindOption("--threads")->Excludes(*server);  // the server's own option decides
   }
 }
 
