@@ -13,8 +13,8 @@
 #include <thread>
 
 #include <google/protobuf/stubs/logging.h>
-#include <spdlog/spdlog.h>
 
+#include "absl/strings/str_cat.h"
 #include "absl/synchronization/mutex.h"
 #include "check_files.h"
 #include "isolate/load_worker.h"
@@ -73,7 +73,7 @@ int Serve(const ServerOptions& options) {
 
   int signal = WaitForSignal(signals);
   for (; signal == SIGHUP; signal = WaitForSignal(signals)) (*server)->Reload();
-  spdlog::info("{}: draining", signal == SIGINT ? "SIGINT" : "SIGTERM");
+  LogMessage(LogLevel::kInfo, signal == SIGINT ? "SIGINT: draining" : "SIGTERM: draining");
   // A second signal ends at once.
   std::thread([signals] {
     int second = WaitForSignal(signals);
@@ -83,7 +83,8 @@ int Serve(const ServerOptions& options) {
   (*server)->Drain();
   server->reset();
   if (WorkerPool::ThreadsLeftBehind() > 0) {
-    spdlog::warn("ends without {} threads that do not come back from a device", WorkerPool::ThreadsLeftBehind());
+    LogMessage(LogLevel::kWarn, absl::StrCat("ends without ", WorkerPool::ThreadsLeftBehind(),
+                                             " threads that do not come back from a device"));
     StopLog();
     std::fflush(stdout);
     _exit(0);  // abandoned threads may use static objects

@@ -7,8 +7,6 @@
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/resource_quota.h>
 
-#include <spdlog/spdlog.h>
-
 #include "absl/strings/str_cat.h"
 #include "access/grpc_log.h"
 #include "access/periodic.h"
@@ -54,7 +52,7 @@ absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& 
     LogLine line("health_refused");
     line.Add("peer", context.peer());
     if (!who.empty()) line.Add("client", who);
-    line.Add("error", std::string_view(status.message().data(), status.message().size())).Write(spdlog::level::info);
+    line.Add("error", std::string_view(status.message().data(), status.message().size())).Write(LogLevel::kInfo);
   }
   return status;
 }
@@ -62,9 +60,11 @@ absl::Status HealthDoor(ServiceState& state, const grpc::CallbackServerContext& 
 // One line about the machine limits of the process, and the sizes derived from them.
 void LogSizes(const MachineLimits& machine, const ServerOptions& resolved) {
   const auto mib = [](uint64_t bytes) { return absl::StrCat(bytes >> 20, " MiB"); };
-  spdlog::info("{}; loaders {}, CPU workers {}, I/O threads {}; jobs {}, uploads {}, kept meshes {}", ToString(machine),
-               resolved.loaders, resolved.cpu_workers, resolved.io_threads, mib(resolved.max_working_bytes),
-               mib(resolved.max_upload_bytes), mib(resolved.max_mesh_store_bytes));
+  LogMessage(
+      LogLevel::kInfo,
+      absl::StrCat(ToString(machine), "; loaders ", resolved.loaders, ", CPU workers ", resolved.cpu_workers,
+                   ", I/O threads ", resolved.io_threads, "; jobs ", mib(resolved.max_working_bytes), ", uploads ",
+                   mib(resolved.max_upload_bytes), ", kept meshes ", mib(resolved.max_mesh_store_bytes)));
 }
 
 // For totals counted elsewhere.
@@ -109,11 +109,11 @@ void WarnOfCertificate(const std::string& path, const TlsFacts& facts) {
   constexpr std::chrono::hours kSoon(14 * 24);
   const auto now = std::chrono::system_clock::now();
   const auto left = std::chrono::duration_cast<std::chrono::hours>(facts.valid_until - now);
-  if (facts.valid_from > now) spdlog::error("{} is not valid yet: clients will refuse it", path);
+  if (facts.valid_from > now) LogMessage(LogLevel::kError, path + " is not valid yet: clients will refuse it");
   if (facts.valid_until < now) {
-    spdlog::error("{} has expired: clients will refuse it", path);
+    LogMessage(LogLevel::kError, path + " has expired: clients will refuse it");
   } else if (left < kSoon) {
-    spdlog::warn("{} expires in {} hours", path, left.count());
+    LogMessage(LogLevel::kWarn, absl::StrCat(path, " expires in ", left.count(), " hours"));
   }
 }
 
@@ -205,7 +205,8 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
     server->address_ = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
   }
   if (ListensBeyondLoopback(options.listen) && options.tls_cert.empty()) {
-    spdlog::warn("{} may be reached from other machines, without encryption: TLS is off", server->address_);
+    LogMessage(LogLevel::kWarn,
+               server->address_ + " may be reached from other machines, without encryption: TLS is off");
   }
   if (!options.web_listen.empty()) {
     if (absl::Status s = server->ServeWeb(); !s.ok()) return s;
@@ -235,8 +236,10 @@ absl::Status VoxelServer::ServeWeb() {
   web_ = *std::move(web);
   web_address_ = web_->address();
   if (ListensBeyondLoopback(state_->options.web_listen)) {
-    spdlog::warn("http://{} may be reached from other machines, without encryption: a proxy with TLS belongs before it",
-                 web_address_);
+    LogMessage(
+        LogLevel::kWarn,
+        absl::StrCat("http://", web_address_,
+                     " may be reached from other machines, without encryption: a proxy with TLS belongs before it"));
   }
   return absl::OkStatus();
 }
@@ -260,8 +263,8 @@ void VoxelServer::Drain() {
     health_->SetServing(false);
   }
   const ServerOptions& options = state_->options;
-  spdlog::info("draining: calls are taken for another {} ms, then those that run have {} ms", options.lame_duck_ms,
-               options.drain_grace_ms);
+  LogMessage(LogLevel::kInfo, absl::StrCat("draining: calls are taken for another ", options.lame_duck_ms,
+                                           " ms, then those that run have ", options.drain_grace_ms, " ms"));
   std::this_thread::sleep_for(std::chrono::milliseconds(options.lame_duck_ms));
   // gRPC's own shutdown closes a connection as soon as its last call has been written; data that the client has not yet
   // read is lost when frames of the client meet the closed socket. So the calls end first; then the client acknowledges
@@ -270,7 +273,7 @@ void VoxelServer::Drain() {
   const auto grace_end = std::chrono::system_clock::now() + grace;
   state_->gate.Close();
   const bool empty = state_->gate.WaitUntilEmpty(std::chrono::steady_clock::now() + grace);
-  if (!empty) spdlog::warn("the calls that still run are ended now");
+  if (!empty) LogMessage(LogLevel::kWarn, "the calls that still run are ended now");
   if (web_) {
     web_->Drain(std::chrono::steady_clock::now() + (grace_end - std::chrono::system_clock::now()));
     web_.reset();  // and its channel, whose end the shutdown waits for
@@ -280,7 +283,7 @@ void VoxelServer::Drain() {
   server_->Shutdown(empty ? grace_end : std::chrono::system_clock::now());
   server_->Wait();
   state_->scheduler.Drain();
-  spdlog::info("drained");
+  LogMessage(LogLevel::kInfo, "drained");
 }
 
 void VoxelServer::FollowMachine() {

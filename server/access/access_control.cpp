@@ -4,10 +4,9 @@
 
 #include <utility>
 
-#include <spdlog/spdlog.h>
-
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "observe/log.h"
 #include "wire/status.h"
 
 namespace voxelpipe {
@@ -154,13 +153,13 @@ absl::Status AccessControl::Reload() {
   }
   if (!table.ok()) {
     metrics_.reload_failures.Increment();
-    spdlog::error("the tokens stay as they were: {}", std::string(table.status().message()));
+    LogMessage(LogLevel::kError, absl::StrCat("the tokens stay as they were: ", std::string(table.status().message())));
     return table.status();
   }
   const size_t clients = table->clients().size();
   Install(*std::move(table));
   metrics_.reloads.Increment();
-  spdlog::info("tokens of {} clients read from {}", clients, token_file_);
+  LogMessage(LogLevel::kInfo, absl::StrCat("tokens of ", clients, " clients read from ", token_file_));
   return absl::OkStatus();
 }
 

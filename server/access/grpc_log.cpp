@@ -22,9 +22,9 @@ void OnLine(gpr_log_func_args* args) {
     if (handshake) sink->Refused(Refusal::kTlsHandshake).Increment();
   }
   if (handshake) {
-    LogLine("tls_handshake_failed").Add("error", text).Write(spdlog::level::warn);
+    LogLine("tls_handshake_failed").Add("error", text).Write(LogLevel::kWarn);
   } else {
-    LogLine("grpc").Add("error", text).Write(spdlog::level::debug);
+    LogLine("grpc").Add("error", text).Write(LogLevel::kDebug);
   }
 }
 

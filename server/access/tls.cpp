@@ -14,9 +14,9 @@
 
 #include <grpcpp/security/tls_certificate_provider.h>
 #include <grpcpp/security/tls_credentials_options.h>
-#include <spdlog/spdlog.h>
 
 #include "absl/strings/str_cat.h"
+#include "observe/log.h"
 
 namespace voxelpipe {
 namespace {
@@ -226,11 +226,12 @@ void ServerTls::ReloadIfChanged() {
   if (!facts.ok()) {
     if (starved_ && told) return;
     metrics_.reload_failures.Increment();
-    spdlog::error("the certificates stay as they were: {}", std::string(facts.status().message()));
+    LogMessage(LogLevel::kError,
+               absl::StrCat("the certificates stay as they were: ", std::string(facts.status().message())));
     return;
   }
   metrics_.reloads.Increment();
-  spdlog::info("certificates read from {}", files_.certificate);
+  LogMessage(LogLevel::kInfo, "certificates read from " + files_.certificate);
 }
 
 }  // namespace voxelpipe

@@ -74,7 +74,7 @@ double CallRecord::CountEnd(const absl::Status& status) {
 void CallRecord::Log(const absl::Status& status) {
   logged_ = true;
   const double seconds = CountEnd(status);
-  if (!LogLine::IsWanted(spdlog::level::info)) return;
+  if (!LogLine::IsWanted(LogLevel::kInfo)) return;
   LogLine line("call");
   line.Add("request", request_id).Add("method", RpcName(rpc)).Add("peer", peer);
   if (!name_.empty()) line.Add("client", name_);
@@ -83,7 +83,7 @@ void CallRecord::Log(const absl::Status& status) {
   line.Add("code", std::string_view(code)).Add("ms", seconds * 1000).Add("in", bytes_in).Add("out", bytes_out);
   line.Add(facts);
   if (!status.ok()) line.Add("error", std::string_view(status.message().data(), status.message().size()));
-  line.Write(spdlog::level::info);
+  line.Write(LogLevel::kInfo);
 }
 
 }  // namespace voxelpipe

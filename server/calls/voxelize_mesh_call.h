@@ -13,7 +13,8 @@ namespace voxelpipe {
 class VoxelizeMeshCall final : public grpc::ServerWriteReactor<grpc::ByteBuffer>, private ResultCall {
  public:
   // The reactor of a new call. `state` must outlive it; `request` is consumed immediately.
-  static VoxelizeMeshCall* Create(ServiceState& state, grpc::CallbackServerContext& server_context, grpc::ByteBuffer& request);
+  static VoxelizeMeshCall* Create(ServiceState& state, grpc::CallbackServerContext& server_context,
+                                  grpc::ByteBuffer& request);
 
   void OnWriteDone(bool ok) override { WriteDone(ok); }
   void OnCancel() override { Cancelled(); }

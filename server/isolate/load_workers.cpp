@@ -7,11 +7,11 @@
 #include <utility>
 #include <vector>
 
-#include <spdlog/spdlog.h>
-
+#include "absl/strings/str_cat.h"
 #include "isolate/load_worker.h"
 #include "isolate/mesh_check.h"
 #include "isolate/mesh_fields.h"
+#include "observe/log.h"
 
 namespace voxelpipe {
 namespace {
@@ -280,7 +280,9 @@ void LoadWorkers::Maintain() {
       ended.swap(ended_);
       lock.unlock();
       for (const auto& process : ended) {
-        if (!process->usable()) spdlog::info("a process that loads meshes was ended: {}", process->end_reason());
+        if (!process->usable()) {
+          LogMessage(LogLevel::kInfo, absl::StrCat("a process that loads meshes was ended: ", process->end_reason()));
+        }
       }
       ended.clear();
       lock.lock();
@@ -295,7 +297,7 @@ void LoadWorkers::Maintain() {
       if (process.ok()) {
         idle_.insert(idle_.begin(), Idle{*std::move(process), Clock::now(), false});  // those that are ready come first
       } else {
-        spdlog::error("{}", std::string(process.status().message()));
+        LogMessage(LogLevel::kError, std::string(process.status().message()));
         start_failure_ = process.status();
         ++starts_failed_;
         next_start = Clock::now() + kRetryInterval;

@@ -20,7 +20,7 @@ void CountWork(Metrics& metrics, const JobOutcome& outcome) {
 }
 
 LogFields Facts(const JobOutcome& outcome) {
-  if (!LogLine::IsWanted(spdlog::level::info)) return {};
+  if (!LogLine::IsWanted(LogLevel::kInfo)) return {};
   const GridSpec& grid = outcome.result.grid;
   const VoxelizeStats& stats = outcome.result.stats;
   LogFields facts = {{"worker", outcome.worker},

@@ -12,10 +12,10 @@
 #include <utility>
 
 #include <microhttpd.h>
-#include <spdlog/spdlog.h>
 
 #include "absl/strings/str_cat.h"
 #include "observe/listen_socket.h"
+#include "observe/log.h"
 #include "observe/metrics.h"
 
 namespace voxelpipe {
@@ -26,10 +26,11 @@ constexpr size_t kRequestBytes = 8 << 10;  // of one connection: the headers of 
 constexpr char kText[] = "text/plain; charset=utf-8";
 constexpr char kPrometheusText[] = "text/plain; version=0.0.4; charset=utf-8";
 
-void LogMessage(void* /*self*/, const char* format, va_list arguments) {
+void LogDaemonMessage(void* /*self*/, const char* format, va_list arguments) {
   std::array<char, 300> text{};
   std::vsnprintf(text.data(), text.size(), format, arguments);
-  spdlog::debug("http: {}", std::string_view(text.data()).substr(0, std::string_view(text.data()).find('\n')));
+  const std::string line(text.data());
+  LogMessage(LogLevel::kDebug, "http: " + line.substr(0, line.find('\n')));
 }
 
 MHD_Result Send(MHD_Connection* connection, unsigned status, const char* type, std::string_view body) {
@@ -86,12 +87,12 @@ absl::StatusOr<std::unique_ptr<HttpEndpoint>> HttpEndpoint::Start(const std::str
   const absl::StatusOr<ListenSocket> socket = ListenOn(listen);
   if (!socket.ok()) return socket.status();
   std::unique_ptr<HttpEndpoint> endpoint(new HttpEndpoint(metrics, std::move(ready)));
-  endpoint->daemon_ =
-      MHD_start_daemon(MHD_USE_EPOLL_INTERNAL_THREAD | MHD_USE_ITC | MHD_USE_ERROR_LOG, 0, nullptr, nullptr,
-                       static_cast<MHD_AccessHandlerCallback>(&HttpAnswers::Answer), endpoint.get(),
-                       MHD_OPTION_EXTERNAL_LOGGER, &LogMessage, nullptr, MHD_OPTION_LISTEN_SOCKET, socket->descriptor,
-                       MHD_OPTION_CONNECTION_LIMIT, MostConnections(), MHD_OPTION_CONNECTION_TIMEOUT, kSilentSeconds,
-                       MHD_OPTION_CONNECTION_MEMORY_LIMIT, kRequestBytes, MHD_OPTION_END);
+  endpoint->daemon_ = MHD_start_daemon(MHD_USE_EPOLL_INTERNAL_THREAD | MHD_USE_ITC | MHD_USE_ERROR_LOG, 0, nullptr,
+                                       nullptr, static_cast<MHD_AccessHandlerCallback>(&HttpAnswers::Answer),
+                                       endpoint.get(), MHD_OPTION_EXTERNAL_LOGGER, &LogDaemonMessage, nullptr,
+                                       MHD_OPTION_LISTEN_SOCKET, socket->descriptor, MHD_OPTION_CONNECTION_LIMIT,
+                                       MostConnections(), MHD_OPTION_CONNECTION_TIMEOUT, kSilentSeconds,
+                                       MHD_OPTION_CONNECTION_MEMORY_LIMIT, kRequestBytes, MHD_OPTION_END);
   if (endpoint->daemon_ == nullptr) {
     close(socket->descriptor);
     return absl::UnavailableError(absl::StrCat("cannot serve on ", listen));

@@ -25,7 +25,7 @@ constexpr char kTime[] = "%Y-%m-%dT%H:%M:%S.%e%z";
 constexpr char kFields[] = "fields";
 
 std::atomic<bool> json_lines{false};
-std::atomic<spdlog::level::level_enum> wanted_level{spdlog::level::trace};
+std::atomic<LogLevel> wanted_level{LogLevel::kDebug};
 
 std::string Quoted(std::string_view text) {
   return nlohmann::json(std::string(text)).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
@@ -42,6 +42,21 @@ std::string_view LevelName(spdlog::level::level_enum level) {
     case spdlog::level::critical: return "error";
     default: return "off";
   }
+}
+
+spdlog::level::level_enum SpdlogLevel(LogLevel level) {
+  switch (level) {
+    case LogLevel::kDebug: return spdlog::level::debug;
+    case LogLevel::kInfo: return spdlog::level::info;
+    case LogLevel::kWarn: return spdlog::level::warn;
+    case LogLevel::kError: return spdlog::level::err;
+    case LogLevel::kOff: break;
+  }
+  return spdlog::level::off;
+}
+
+void WriteText(spdlog::logger& logger, LogLevel level, const std::string& text) {
+  logger.log(SpdlogLevel(level), spdlog::string_view_t(text.data(), text.size()));
 }
 
 class LevelFlag final : public spdlog::custom_flag_formatter {
@@ -88,14 +103,14 @@ std::string ThreeDigits(double value) {
 
 LogField::LogField(const char* name, double number) : key(name), value(ThreeDigits(number)) {}
 
-spdlog::level::level_enum LevelOf(std::string_view name) {
-  for (const auto level : {spdlog::level::debug, spdlog::level::info, spdlog::level::warn, spdlog::level::err}) {
-    if (LevelName(level) == name) return level;
+LogLevel LevelOf(std::string_view name) {
+  for (const LogLevel level : {LogLevel::kDebug, LogLevel::kInfo, LogLevel::kWarn, LogLevel::kError}) {
+    if (LevelName(SpdlogLevel(level)) == name) return level;
   }
-  return spdlog::level::off;
+  return LogLevel::kOff;
 }
 
-void StartLog(spdlog::level::level_enum level, LogFormat format) {
+void StartLog(LogLevel level, LogFormat format) {
   json_lines = format == LogFormat::kJson;
   wanted_level = level;
   spdlog::sink_ptr sink;
@@ -112,7 +127,7 @@ void StartLog(spdlog::level::level_enum level, LogFormat format) {
   const auto make = [&](const char* name) {
     auto logger = std::make_shared<spdlog::async_logger>(name, sink, spdlog::thread_pool(),
                                                          spdlog::async_overflow_policy::overrun_oldest);
-    logger->set_level(level);
+    logger->set_level(SpdlogLevel(level));
     return logger;
   };
   spdlog::set_default_logger(make("voxelpiped"));
@@ -123,7 +138,11 @@ void StopLog() {
   spdlog::shutdown();
 }
 
-bool LogLine::IsWanted(spdlog::level::level_enum level) {
+void LogMessage(LogLevel level, const std::string& message) {
+  if (const auto logger = spdlog::default_logger()) WriteText(*logger, level, message);
+}
+
+bool LogLine::IsWanted(LogLevel level) {
   return level >= wanted_level.load(std::memory_order_relaxed);
 }
 
@@ -162,11 +181,11 @@ LogLine& LogLine::Add(const LogFields& fields) {
   return *this;
 }
 
-void LogLine::Write(spdlog::level::level_enum level) const {
+void LogLine::Write(LogLevel level) const {
   if (const auto logger = spdlog::get(kFields)) {
-    logger->log(level, spdlog::string_view_t(text_.data(), text_.size()));
-  } else if (spdlog::default_logger()) {
-    spdlog::default_logger()->log(level, spdlog::string_view_t(text_.data(), text_.size()));
+    WriteText(*logger, level, text_);
+  } else {
+    LogMessage(level, text_);
   }
 }
 

@@ -7,21 +7,23 @@
 #include <utility>
 #include <vector>
 
-#include <spdlog/common.h>
-
 namespace voxelpipe {
 
-enum class LogFormat { kText, kJson };
+enum class LogFormat : uint8_t { kText, kJson };
+enum class LogLevel : uint8_t { kDebug, kInfo, kWarn, kError, kOff };
 
 // The level that --log-level and the lines themselves call "debug", "info", "warn", "error" or "off".
-spdlog::level::level_enum LevelOf(std::string_view name);
+LogLevel LevelOf(std::string_view name);
 
-// Makes spdlog's default logger write to stderr from a thread of its own: a stalled reader never delays a call, but
-// loses the oldest of some thousand lines. Plain spdlog calls become lines with a message. Call once, before other
-// threads log.
-void StartLog(spdlog::level::level_enum level, LogFormat format);
+// Makes the log write to stderr from a thread of its own: a stalled reader never delays a call, but loses the oldest of
+// some thousand lines. Call once, before other threads log. (spdlog does it; its headers stay in log.cpp, because they
+// take seconds to compile.)
+void StartLog(LogLevel level, LogFormat format);
 // Flushes buffered lines. Logging has no effect afterwards.
 void StopLog();
+
+// Writes a line with a text and nothing else.
+void LogMessage(LogLevel level, const std::string& message);
 
 // One field of a line; the key is a string literal.
 struct LogField {
@@ -41,7 +43,7 @@ using LogFields = std::vector<LogField>;
 class LogLine {
  public:
   // True if a line of this level would be written: for callers with many lines.
-  static bool IsWanted(spdlog::level::level_enum level);
+  static bool IsWanted(LogLevel level);
 
   explicit LogLine(std::string_view event);  // in the format of StartLog, text before it
   LogLine(std::string_view event, LogFormat format);
@@ -52,7 +54,7 @@ class LogLine {
   LogLine& Add(const LogFields& fields);
   // The line without time and level; in JSON without the braces.
   const std::string& text() const { return text_; }
-  void Write(spdlog::level::level_enum level) const;
+  void Write(LogLevel level) const;
 
  private:
   LogLine& Raw(std::string_view key, std::string_view value);

@@ -6,13 +6,12 @@
 #include <optional>
 #include <utility>
 
-#include <spdlog/spdlog.h>
-
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "base/device_failure.h"
 #include "base/machine.h"
 #include "base/threads.h"
+#include "observe/log.h"
 #include "observe/metrics.h"
 #include "pipeline/stages/backend.h"
 #include "run/worker_pool_state.h"
@@ -237,7 +236,10 @@ bool WorkerPool::WaitUntilServing(Worker& self) {
     const bool serves = device.health.Probed(outcome, Clock::now());
     if (!serves && device.metrics != nullptr) device.metrics->probes_failed.Increment();
     lock.unlock();
-    if (!serves) spdlog::info("device {}: stays in quarantine: {}", device.traits.device, Words(outcome));
+    if (!serves) {
+      LogMessage(LogLevel::kInfo,
+                 absl::StrCat("device ", device.traits.device, ": stays in quarantine: ", Words(outcome)));
+    }
     Changed(device);
     lock.lock();
   }
@@ -310,8 +312,8 @@ void WorkerPool::FailOver(const Device& device, std::shared_ptr<Task> task, cons
     traits.excluded_devices.clear();
     if (absl::Status s = CheckServed(traits); !s.ok()) return give_up();
   }
-  spdlog::info("a job of {} that failed on {} runs again elsewhere: {}", traits.client, device.traits.device,
-               Words(failure));
+  LogMessage(LogLevel::kInfo, absl::StrCat("a job of ", traits.client, " that failed on ", device.traits.device,
+                                           " runs again elsewhere: ", Words(failure)));
   if (options_.metrics != nullptr) options_.metrics->job_retries.Increment();
   scheduler_.Resubmit(std::move(task));
 }
@@ -323,7 +325,8 @@ void WorkerPool::Failed(Device& device, DeviceFailureKind kind, const std::strin
     const std::lock_guard lock(device.mutex);
     quarantined = device.health.Failed(kind, reason, Clock::now());
   }
-  spdlog::warn("device {} failed{}: {}", device.traits.device, quarantined ? " and is quarantined" : "", reason);
+  LogMessage(LogLevel::kWarn, absl::StrCat("device ", device.traits.device, " failed",
+                                           quarantined ? " and is quarantined" : "", ": ", reason));
   if (!quarantined) return;
   if (device.metrics != nullptr) device.metrics->quarantines.Increment();
   Changed(device);
@@ -342,7 +345,7 @@ void WorkerPool::Changed(Device& device) {
   device.told_serving = serving;
   scheduler_.SetDevice(device.traits, serving ? size_t(device.workers) : 0);
   if (device.metrics != nullptr) device.metrics->serving.Set(serving ? 1 : 0);
-  if (serving) spdlog::info("device {}: serves again", device.traits.device);
+  if (serving) LogMessage(LogLevel::kInfo, absl::StrCat("device ", device.traits.device, ": serves again"));
   if (listener_) listener_(device.traits.device, serving);
   device.changed.notify_all();
 }

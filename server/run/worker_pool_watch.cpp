@@ -2,9 +2,9 @@
 #include <algorithm>
 #include <utility>
 
-#include <spdlog/spdlog.h>
-
+#include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
+#include "observe/log.h"
 #include "observe/metrics.h"
 #include "run/worker_pool.h"
 #include "run/worker_pool_state.h"
@@ -111,8 +111,8 @@ bool WorkerPool::LookAround() {
         ++device->away;
         std::erase(device->crew, worker);
         if (!device->stopping && device->away < kMaxLeftBehind) StartWorker(device);
-        spdlog::error("device {}: worker {} does not come back; its thread is left behind", device->traits.device,
-                      worker->name);
+        LogMessage(LogLevel::kError, absl::StrCat("device ", device->traits.device, ": worker ", worker->name,
+                                                  " does not come back; its thread is left behind"));
       }
       all_serve &= device->health.serving();
       if (!abandoned.empty() || probe_stuck) device->changed.notify_all();

@@ -7,7 +7,6 @@
 
 #include <google/protobuf/descriptor.h>
 #include <grpcpp/support/slice.h>
-#include <spdlog/spdlog.h>
 
 #include "absl/strings/str_cat.h"
 #include "base/text.h"

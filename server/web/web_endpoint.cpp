@@ -12,10 +12,10 @@
 #include <utility>
 
 #include <microhttpd.h>
-#include <spdlog/spdlog.h>
 
 #include "absl/strings/str_cat.h"
 #include "observe/listen_socket.h"
+#include "observe/log.h"
 #include "web/exchange.h"
 #include "web/http/client_timeout.h"
 #include "web/http/web_request.h"
@@ -31,7 +31,8 @@ constexpr size_t kConnectionBytes = 160 << 10;
 void LogHttp(void* /*self*/, const char* format, va_list arguments) {
   std::array<char, 300> text{};
   std::vsnprintf(text.data(), text.size(), format, arguments);
-  spdlog::debug("web: {}", std::string_view(text.data()).substr(0, std::string_view(text.data()).find('\n')));
+  const std::string line(text.data());
+  LogMessage(LogLevel::kDebug, "web: " + line.substr(0, line.find('\n')));
 }
 
 }  // namespace
@@ -54,7 +55,7 @@ struct WebCallbacks {
     try {
       return Answer(*static_cast<WebEndpoint*>(self), connection, url, method, body, body_bytes, request);
     } catch (const std::exception& error) {
-      spdlog::error("web: {}", error.what());
+      LogMessage(LogLevel::kError, absl::StrCat("web: ", error.what()));
       return MHD_NO;  // closes the connection
     }
   }

@@ -15,7 +15,6 @@
 #include <google/protobuf/io/coded_stream.h>
 #include <google/protobuf/wire_format_lite.h>
 #include <grpcpp/support/proto_buffer_reader.h>
-#include <spdlog/spdlog.h>
 
 #include "absl/strings/str_cat.h"
 #include "base/text.h"
@@ -23,6 +22,7 @@
 #include "encode/format_registry.h"
 #include "encode/png_preview.h"
 #include "job/memory_sink.h"
+#include "observe/log.h"
 #include "reply/raw_message.h"
 #include "web/download/result_feed.h"
 #include "web/download/temporary_folder.h"
@@ -100,7 +100,7 @@ WebMetadata WarningHeaders(const v1::Summary& summary) {
 // What a caller may know of an error in a file of this machine.
 absl::Status WithoutPaths(absl::Status status) {
   if (!IsOutputError(status)) return status;
-  spdlog::warn("web: {}", std::string(status.message()));
+  LogMessage(LogLevel::kWarn, absl::StrCat("web: ", std::string(status.message())));
   return absl::Status(status.code(), "the server cannot write its temporary file; its log has the reason");
 }
 

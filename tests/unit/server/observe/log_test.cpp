@@ -32,11 +32,11 @@ TEST(LogTest, WhatAStrangerSendsStaysWithinItsField) {
 }
 
 TEST(LogTest, LevelsHaveTheNamesOfTheOption) {
-  EXPECT_EQ(LevelOf("debug"), spdlog::level::debug);
-  EXPECT_EQ(LevelOf("info"), spdlog::level::info);
-  EXPECT_EQ(LevelOf("warn"), spdlog::level::warn);
-  EXPECT_EQ(LevelOf("error"), spdlog::level::err);
-  EXPECT_EQ(LevelOf("off"), spdlog::level::off);
+  EXPECT_EQ(LevelOf("debug"), LogLevel::kDebug);
+  EXPECT_EQ(LevelOf("info"), LogLevel::kInfo);
+  EXPECT_EQ(LevelOf("warn"), LogLevel::kWarn);
+  EXPECT_EQ(LevelOf("error"), LogLevel::kError);
+  EXPECT_EQ(LevelOf("off"), LogLevel::kOff);
 }
 
 TEST(LogTest, ALongValueIsCut) {
