@@ -75,11 +75,16 @@ try {
   for (const name of await page.$$eval('#as option', (options) => options.map((option) => option.value))) {
     await set('as', name);
     const files = ['', '.zip'].map((end) => path.join(folder, `${path.parse(mesh).name}.${name}${end}`));
-    await page.click('#download');
-    await page.waitForFunction(() => !document.getElementById('download').disabled, {timeout: 60_000});
-    seen.files[name] = await text('error');
-    for (let i = 0; seen.files[name] === '' && !files.some((file) => fs.existsSync(file)) && i < 200; ++i) {
-      await new Promise((done) => setTimeout(done, 50));
+    const arrived = () => files.some((file) => fs.existsSync(file));
+    seen.files[name] = '';
+    // Chromium drops the eleventh download of a page, and takes the next: a person clicks again.
+    for (let click = 0; seen.files[name] === '' && !arrived() && click < 2; ++click) {
+      await page.click('#download');
+      await page.waitForFunction(() => !document.getElementById('download').disabled, {timeout: 60_000});
+      seen.files[name] = await text('error');
+      for (let i = 0; seen.files[name] === '' && !arrived() && i < 100; ++i) {
+        await new Promise((done) => setTimeout(done, 50));
+      }
     }
   }
 
