@@ -12,32 +12,50 @@ FUZZ_SECONDS ?= 7200
 # By label, which is the name of the test's program.
 SERVICE_TESTS := ^(library_order|server|service_.*)_test$$
 
-# Where the preset builds: `dev` and `ci` in build/, any other in build-<preset>/.
-BUILD_DIR := $(if $(filter dev ci,$(PRESET)),build,build-$(PRESET))
+# Where the preset builds: `dev` in build/, any other in build-<preset>/.
+BUILD_DIR := $(if $(filter dev,$(PRESET)),build,build-$(PRESET))
+
+# VOXELPIPE_WERROR=1 in the environment makes warnings errors, as CI does; they never stop a user's build.
+CONFIGURE := cmake --preset $(PRESET) -DVOXELPIPE_WERROR=$(if $(filter 1 ON,$(VOXELPIPE_WERROR)),ON,OFF)
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup configure build test test-asan test-tsan demo bench fuzz results option-tables format lint docker-test gpu-bundle clean
+.PHONY: help setup setup-programs configure build test test-further test-thorough test-asan test-tsan demo bench fuzz results option-tables format lint docker-test gpu-bundle clean
 
 help: ## List the tasks
-	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan|ci] [JOBS=N]"
+	@echo "usage: make TASK [PRESET=dev|release|cpu-only|asan|tsan] [JOBS=N]"
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  \1|\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{printf "%-14s%s\n", $$1, $$2}'
 
-setup: ## Install the missing Debian packages (docker/packages-build.txt, -python.txt, -viewer.txt)
+# What the programs take: all that `make demo` installs.
+setup-programs:
 	@bash tests/support/apt_install.sh docker/packages-build.txt
-	@bash tests/support/apt_install.sh docker/packages-python.txt || echo "setup: going on without the tests in Python"
 	@command -v npm >/dev/null || bash tests/support/apt_install.sh docker/packages-viewer.txt \
 	  || echo "setup: going on without .html results"
 
-configure: setup
-	@mkdir -p $(BUILD_DIR)
-	@cmake --preset $(PRESET) >$(BUILD_DIR)/configure.log 2>&1 || { cat $(BUILD_DIR)/configure.log; exit 1; }
+setup: setup-programs ## Install the missing Debian packages (docker/packages-*.txt: build, viewer, python, browser, formats)
+	@bash tests/support/apt_install.sh docker/packages-python.txt || echo "setup: going on without Python"
+	@bash tests/support/apt_install.sh docker/packages-browser.txt docker/packages-formats.txt \
+	  || echo "setup: going on without the tests of browsers and formats"
 
-build: configure ## Build everything; binaries land in build/bin
+configure: setup-programs
+	@mkdir -p $(BUILD_DIR)
+	@$(CONFIGURE) >$(BUILD_DIR)/configure.log 2>&1 || { cat $(BUILD_DIR)/configure.log; exit 1; }
+
+build: setup configure ## Build everything; binaries land in build/bin
 	cmake --build --preset $(PRESET) -j $(JOBS)
 
 test: build ## Set up, build and run every test
-	ctest --preset $(PRESET) --output-on-failure -j $(TEST_JOBS)
+	@bash tests/ci/commit_line.sh "make test" ctest --preset $(PRESET) --output-on-failure -j $(TEST_JOBS) \
+	  --output-junit $(CURDIR)/$(BUILD_DIR)/tests.xml
+
+test-further: build ## Tests for developers and CI: CUDA emulated, other architectures, missing includes
+	cmake --build --preset $(PRESET) -j $(JOBS) --target further_tests
+	@bash tests/ci/commit_line.sh "make test-further" ctest --preset $(PRESET) --output-on-failure -j $(TEST_JOBS) \
+	  -C further -L '^further$$' --output-junit $(CURDIR)/$(BUILD_DIR)/further-tests.xml
+
+test-thorough: build ## All cases of the emulated CUDA backend, and its search for races (hours)
+	cmake --build --preset $(PRESET) -j $(JOBS) --target further_tests thorough_tests
+	ctest --preset $(PRESET) --output-on-failure -j $(TEST_JOBS) -C thorough -L '^thorough$$'
 
 test-asan: ## Run the service's tests with AddressSanitizer and UndefinedBehaviorSanitizer in server, clients and tests
 	@$(MAKE) --no-print-directory PRESET=asan service-tests
@@ -52,11 +70,11 @@ service-tests: configure
 
 demo: configure ## Send a real mesh to a server, get voxels and a picture back (build/demo)
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe voxelpiped
-	@bash tests/support/demo.sh $(BUILD_DIR)
+	@bash tests/ci/commit_line.sh "make demo" bash tests/support/demo.sh $(BUILD_DIR)
 
 bench: configure ## Measure the pipeline; BENCH_ARGS="--mesh=NAME=FILE --threads=N --benchmark_filter=REGEX"
 	@bash tests/support/apt_install.sh docker/packages-bench.txt || echo "bench: going on without OpenVDB to compare with"
-	@cmake --preset $(PRESET) -DVOXELPIPE_BENCH=ON >$(BUILD_DIR)/configure.log
+	@$(CONFIGURE) -DVOXELPIPE_BENCH=ON >$(BUILD_DIR)/configure.log
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelize_bench
 	@bash tests/bench/bench.sh $(BUILD_DIR) $(BENCH_ARGS)
 

@@ -6,24 +6,29 @@ set(CMAKE_POSITION_INDEPENDENT_CODE ON)
 
 find_program(CCACHE_PROGRAM ccache)
 if(CCACHE_PROGRAM)
-  set(CMAKE_CXX_COMPILER_LAUNCHER ${CCACHE_PROGRAM})
+  # With precompiled headers GCC has to keep their names in what it preprocesses, and ccache may not count on dates.
+  set(CMAKE_CXX_COMPILER_LAUNCHER
+    ${CMAKE_COMMAND} -E env CCACHE_SLOPPINESS=pch_defines,time_macros ${CCACHE_PROGRAM})
   set(CMAKE_CUDA_COMPILER_LAUNCHER ${CCACHE_PROGRAM})
 endif()
 
 add_library(voxelpipe_flags INTERFACE)
 target_compile_features(voxelpipe_flags INTERFACE cxx_std_20)
 # The same bytes on every machine and on both devices: no contraction to fused multiply-add.
-target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-ffp-contract=off -Wall -Wextra>)
-# In a unity build a local name may shadow another file's.
-target_compile_options(voxelpipe_flags INTERFACE
-  $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<NOT:$<BOOL:$<TARGET_PROPERTY:UNITY_BUILD>>>>:-Wshadow>)
+target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-ffp-contract=off -Wall -Wextra -Wshadow>)
+# Some libraries ask for it, and precompiled headers want the same options everywhere.
+target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-pthread>)
 # POPCNT and the rounding instructions, which every x86-64 processor since 2009 has; wider ones are chosen at run time.
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-march=x86-64-v2>
     $<$<COMPILE_LANGUAGE:CUDA>:-Xcompiler=-march=x86-64-v2>)
 endif()
-# GCC 12 warns of "literal" + std::string in its own header (GCC bug 105651).
-target_compile_options(voxelpipe_flags INTERFACE $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<CXX_COMPILER_ID:GNU>>:-Wno-restrict>)
+# GCC 12 warns in its own header of strings that are assigned, inserted or added (GCC bug 105651).
+target_compile_options(voxelpipe_flags INTERFACE $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<CXX_COMPILER_ID:GNU>>:
+  -Wno-array-bounds -Wno-restrict -Wno-stringop-overflow>)
+if(CCACHE_PROGRAM AND CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+  target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fpch-preprocess>)
+endif()
 if(VOXELPIPE_WERROR)
   target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-Werror>)
 endif()
