@@ -18,6 +18,9 @@ BUILD_DIR := $(if $(filter dev,$(PRESET)),build,build-$(PRESET))
 # VOXELPIPE_WERROR=1 in the environment makes warnings errors, as CI does; they never stop a user's build.
 CONFIGURE := cmake --preset $(PRESET) -DVOXELPIPE_WERROR=$(if $(filter 1 ON,$(VOXELPIPE_WERROR)),ON,OFF)
 
+# Packages of npm come from its cache if they are there: its registry does not always answer.
+export npm_config_prefer_offline := true
+
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .PHONY: help setup setup-programs configure build test test-further test-thorough test-asan test-tsan demo bench fuzz results option-tables format lint docker-test gpu-bundle clean

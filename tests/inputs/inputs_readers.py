@@ -44,7 +44,7 @@ def install(work):
     command = ["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--silent"]
     try:
         if not (work / "node_modules/three").is_dir():
-            subprocess.run(command, cwd=work, timeout=60, check=True)
+            subprocess.run(command, cwd=work, timeout=180, check=True)
         if not (work / "package").is_dir():
             packed = subprocess.run(
                 ["npm", "pack", "--silent", SAMPLES], cwd=work, timeout=60, check=True, capture_output=True, text=True

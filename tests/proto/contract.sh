@@ -10,7 +10,7 @@ work=$(realpath "$2")
 buf=$work/node_modules/.bin/buf
 if [ ! -x "$buf" ]; then
   command -v npm >/dev/null || { echo "skipped: npm is not installed"; exit 77; }
-  timeout 60 npm install --prefix "$work" --no-audit --no-fund --silent @bufbuild/buf@1.75.0 ||
+  timeout 180 npm install --prefix "$work" --no-audit --no-fund --silent @bufbuild/buf@1.75.0 ||
     { echo "skipped: npm cannot install @bufbuild/buf"; exit 77; }
 fi
 cd "$proto"

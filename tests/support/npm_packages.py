@@ -3,7 +3,7 @@ import pathlib
 import shutil
 import subprocess
 
-LIMIT_S = 60
+LIMIT_S = 180
 
 
 def install(source, target):

@@ -8,7 +8,7 @@ server=$1 source=$2 work=$3
 command -v npm >/dev/null || { echo "skipped: npm is not installed"; exit 77; }
 mkdir -p "$work"
 buf="$work/node_modules/.bin/buf"
-[[ -x $buf ]] || timeout 60 npm install --prefix "$work" --no-audit --no-fund --silent @bufbuild/buf@1.75.0 ||
+[[ -x $buf ]] || timeout 180 npm install --prefix "$work" --no-audit --no-fund --silent @bufbuild/buf@1.75.0 ||
   { echo "skipped: npm cannot install @bufbuild/buf"; exit 77; }
 
 "$server" --listen 127.0.0.1:0 --web-listen 127.0.0.1:0 >"$work/out" 2>"$work/log" &
