@@ -1,4 +1,5 @@
 """Installs the npm packages of a test."""
+import functools
 import pathlib
 import shutil
 import subprocess
@@ -6,6 +7,7 @@ import subprocess
 LIMIT_S = 180
 
 
+@functools.cache  # tried once a process: each try may take LIMIT_S
 def install(source, target):
     """In: a folder with package.json and package-lock.json. Out: the node_modules below `target`, and "" or what is
     missing. Packages that are there stay."""
