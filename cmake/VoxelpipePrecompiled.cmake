@@ -1,6 +1,6 @@
 # Precompiled headers: what most files include of the standard library and of third parties is read once. Never a header
 # of ours: its change would compile everything again, and a file that forgets to include it must not compile. The test
-# `includes` compiles every file without them. Sanitizers and libFuzzer do without: they come with headers of their own.
+# `includes` parses the programs without them. Sanitizers and libFuzzer do without: they come with headers of their own.
 if(VOXELPIPE_SANITIZE OR VOXELPIPE_FUZZ)
   set(CMAKE_DISABLE_PRECOMPILE_HEADERS ON)
 endif()
