@@ -2,7 +2,7 @@
 """usage: check_includes.py BUILD_DIR COMPILER [SOURCE]...
 
 Parses every .cpp of the programs as BUILD_DIR compiles it, but without its precompiled headers: a file that does not
-include what it uses fails. Those of tests only as SOURCEs: they would double the time. With SOURCEs, these alone. Prints the compiler's errors; exit 1 if there are any.
+include what it uses fails. Those of tests only as SOURCEs: they would double the time. With SOURCEs, these alone.
 """
 import concurrent.futures
 import json

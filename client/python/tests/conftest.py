@@ -36,7 +36,7 @@ def client(server: voxelpipe.LocalServer) -> Iterator[voxelpipe.Client]:
 
 
 @pytest.fixture()
-def nobody() -> Iterator[str]:
+def closed_port() -> Iterator[str]:
     """An address at which no server listens: bound, so that no other process listens there, and a call is refused."""
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))

@@ -59,7 +59,7 @@ def test_many_meshes_come_in_their_order(server: LocalServer) -> None:
     asyncio.run(run())
 
 
-def test_errors(server: LocalServer, nobody: str) -> None:
+def test_errors(server: LocalServer, closed_port: str) -> None:
     async def fails(call: Coroutine[Any, Any, Any], kind: type[voxelpipe.VoxelpipeError]) -> None:
         with pytest.raises(kind):
             await call
@@ -69,7 +69,7 @@ def test_errors(server: LocalServer, nobody: str) -> None:
             await fails(client.voxelize(shapes.cube(), resolution=100_000), voxelpipe.TooLarge)
             await fails(client.voxelize(b"nonsense"), voxelpipe.InvalidMesh)
             await fails(client.voxelize(shapes.heavy(), resolution=900, timeout=0.3), voxelpipe.DeadlineExceeded)
-        async with AsyncClient(nobody, retries=0) as away:
+        async with AsyncClient(closed_port, retries=0) as away:
             await fails(away.server_info(), voxelpipe.Unavailable)
 
     asyncio.run(run())

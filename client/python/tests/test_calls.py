@@ -143,7 +143,7 @@ def test_questions(client: Client, ball: shapes.Triangles) -> None:
     assert client.estimate(client.upload(ball), resolution=64).place == grid.place
 
 
-def test_tokens_and_tls(server: LocalServer, tmp_path: pathlib.Path, nobody: str) -> None:
+def test_tokens_and_tls(server: LocalServer, tmp_path: pathlib.Path, closed_port: str) -> None:
     key, cert = tmp_path / "key.pem", tmp_path / "cert.pem"
     subprocess.run(
         [
@@ -197,4 +197,4 @@ def test_tokens_and_tls(server: LocalServer, tmp_path: pathlib.Path, nobody: str
     with pytest.raises(voxelpipe.InvalidRequest, match="plain text"):
         Client("voxels.test:50051", token="secret")
     with pytest.raises(voxelpipe.InvalidRequest, match="none.pem"):
-        Client(nobody, tls=Tls("none.pem")).server_info()
+        Client(closed_port, tls=Tls("none.pem")).server_info()

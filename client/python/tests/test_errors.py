@@ -37,10 +37,10 @@ def test_errors_by_reason(client: Client) -> None:
     assert type(copy) is voxelpipe.TooLarge and copy.__dict__ == large.value.__dict__ and str(copy) == str(large.value)
 
 
-def test_no_server_is_an_error_that_names_it(nobody: str) -> None:
+def test_no_server_is_an_error_that_names_it(closed_port: str) -> None:
     begin = time.monotonic()
-    with pytest.raises(voxelpipe.Unavailable, match=f"{nobody}: ") as caught:
-        Client(nobody, retries=1).server_info()
+    with pytest.raises(voxelpipe.Unavailable, match=f"{closed_port}: ") as caught:
+        Client(closed_port, retries=1).server_info()
     assert isinstance(caught.value, ConnectionError) and time.monotonic() - begin < 5
 
 

@@ -129,13 +129,13 @@ def test_a_wrong_target_by_keyword_names_the_keyword() -> None:
 
 
 @pytest.mark.parametrize("timeout", ["x", "3", True, float("nan"), [1]])
-def test_a_timeout_that_is_no_number_is_named(timeout: Any, nobody: str) -> None:
+def test_a_timeout_that_is_no_number_is_named(timeout: Any, closed_port: str) -> None:
     calls: list[Callable[[], Any]] = [
         lambda: voxelpipe.voxelize(b"", timeout=timeout),
-        lambda: voxelpipe.Client(nobody, timeout=timeout),
-        lambda: voxelpipe.AsyncClient(nobody, timeout=timeout),
-        lambda: voxelpipe.Client(nobody).estimate(shapes.cube(), timeout=timeout),
-        lambda: voxelpipe.Client(nobody).voxelize_many([], timeout=timeout),
+        lambda: voxelpipe.Client(closed_port, timeout=timeout),
+        lambda: voxelpipe.AsyncClient(closed_port, timeout=timeout),
+        lambda: voxelpipe.Client(closed_port).estimate(shapes.cube(), timeout=timeout),
+        lambda: voxelpipe.Client(closed_port).voxelize_many([], timeout=timeout),
     ]
     for call in calls:
         with pytest.raises(InvalidRequest, match="^timeout: .* is no number of seconds") as caught:

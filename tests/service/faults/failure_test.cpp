@@ -387,10 +387,10 @@ TEST_F(FailureTest, ACallbackThatThrows) {
 }
 
 TEST(NoServerTest, ConnectionRefusedNamesTheTarget) {
-  const ClosedPort nobody;
-  const absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(nobody.address());
+  const ClosedPort closed_port;
+  const absl::StatusOr<std::unique_ptr<Client>> client = Client::Connect(closed_port.address());
   ASSERT_FALSE(client.ok());
-  EXPECT_STATUS(client.status(), kUnavailable, nobody.address());
+  EXPECT_STATUS(client.status(), kUnavailable, closed_port.address());
 }
 
 TEST(NoServerTest, ServerThatDiesIsUnavailable) {

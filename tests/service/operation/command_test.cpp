@@ -409,18 +409,18 @@ TEST_F(BatchTest, ABusyServerIsWaitedFor) {
 
 TEST_F(BatchTest, ServersThatAreNotThereEndTheRunAndAreNamed) {
   WriteList(50, 16);
-  const ClosedPort nobody;
-  std::vector<std::string> arguments = Command("out", nobody.address());
+  const ClosedPort closed_port;
+  std::vector<std::string> arguments = Command("out", closed_port.address());
   arguments.insert(arguments.end(), {"--lost-timeout", "1"});
   const CliOutcome outcome = RunCli(arguments);
   EXPECT_EQ(outcome.exit_code, 1);
   EXPECT_EQ(LineCount(outcome.err), 2u) << outcome.err;  // at once, and at the end
-  EXPECT_THAT(outcome.err, HasSubstr(nobody.address()));
+  EXPECT_THAT(outcome.err, HasSubstr(closed_port.address()));
   EXPECT_THAT(outcome.err, HasSubstr("Connection refused"));
   EXPECT_THAT(outcome.err, HasSubstr("50 items are left"));
   const json report = json::parse(ReadFile(directory_ / "out.json"));
   EXPECT_EQ(report["totals"]["left"], 50);
-  EXPECT_THAT(std::string(report["error"]), HasSubstr(nobody.address()));
+  EXPECT_THAT(std::string(report["error"]), HasSubstr(closed_port.address()));
 }
 
 TEST_F(BatchTest, AServerThatDiesForGoodEndsTheRun) {

@@ -211,13 +211,13 @@ TEST_F(LifecycleTest, Probe) {
   ASSERT_TRUE(probe.ok()) << probe.status();
   EXPECT_EQ(probe->exit_code, 0);
   // A proxy for the way out is set in many containers.
-  const ClosedPort nobody;
-  setenv("http_proxy", ("http://" + nobody.address()).c_str(), /*overwrite=*/1);
+  const ClosedPort closed_port;
+  setenv("http_proxy", ("http://" + closed_port.address()).c_str(), /*overwrite=*/1);
   probe = RunVoxelpiped({"--probe", server_->address()});
   unsetenv("http_proxy");
   ASSERT_TRUE(probe.ok()) << probe.status();
   EXPECT_EQ(probe->exit_code, 0) << "the probe went to the proxy";
-  probe = RunVoxelpiped({"--probe", nobody.address()});
+  probe = RunVoxelpiped({"--probe", closed_port.address()});
   ASSERT_TRUE(probe.ok()) << probe.status();
   EXPECT_EQ(probe->exit_code, 1);
 }

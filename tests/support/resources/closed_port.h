@@ -10,7 +10,7 @@
 
 namespace voxelpipe::testing {
 
-// A port of the loopback, as long as the object lives. It is bound and nobody listens at it: a connection is refused,
+// A port of the loopback, as long as the object lives. It is bound without a listener: a connection is refused,
 // and no other process can listen there. A fixed number, or one that was free a moment ago, may be anybody's.
 class ClosedPort {
  public:

@@ -61,8 +61,8 @@ TEST_F(CliMessages, AnOptionOfTheOtherPlaceIsRefused) {
     EXPECT_THAT(Error({"voxelize", box_, flag, "x"}, 2), HasSubstr(std::string(flag) + " requires --server")) << flag;
   }
   EXPECT_THAT(Error({"voxelize", box_, "--tls"}, 2), HasSubstr("--tls requires --server"));
-  const ClosedPort nobody;
-  EXPECT_THAT(Error({"voxelize", box_, "--threads", "2", "--server", nobody.address()}, 2),
+  const ClosedPort closed_port;
+  EXPECT_THAT(Error({"voxelize", box_, "--threads", "2", "--server", closed_port.address()}, 2),
               HasSubstr("--threads excludes --server"));
 }
 #endif
@@ -94,13 +94,13 @@ TEST_F(CliMessages, AMissingMeshNamesTheNearestFileOrTheMissingDirectory) {
 
 #ifdef VOXELPIPE_HAVE_SERVICE
 TEST_F(CliMessages, AServerThatIsNotThereNamesHowToStartOne) {
-  const ClosedPort nobody;
+  const ClosedPort closed_port;
   for (const std::vector<std::string>& arguments :
        {std::vector<std::string>{"voxelize", box_}, {"info", box_}, {"shaders"}, {"server-info"}}) {
     std::vector<std::string> with_server = arguments;
-    with_server.insert(with_server.end(), {"--server", nobody.address()});
+    with_server.insert(with_server.end(), {"--server", closed_port.address()});
     EXPECT_THAT(Error(with_server, 1),
-                HasSubstr("'voxelpiped --listen " + nobody.address() + "' starts a server there"));
+                HasSubstr("'voxelpiped --listen " + closed_port.address() + "' starts a server there"));
   }
 }
 #endif

@@ -161,9 +161,9 @@ TEST_F(CliOptions, WrongLoadsExitWith2AndOneLine) {
       {"--duration", "1", "--max-error-rate", "-1"},
       {"--duration", "1", "--resolution", "0"},
   };
-  const ClosedPort nobody;
+  const ClosedPort closed_port;
   for (const std::vector<std::string>& options : wrong) {
-    std::vector<std::string> arguments = {"bench", box_, "--server", nobody.address()};
+    std::vector<std::string> arguments = {"bench", box_, "--server", closed_port.address()};
     arguments.insert(arguments.end(), options.begin(), options.end());
     const CliOutcome outcome = RunCli(arguments);
     EXPECT_EQ(outcome.exit_code, 2) << ::testing::PrintToString(options) << outcome.err;
@@ -234,14 +234,14 @@ TEST_F(CliOptions, AServerThatIsNotThereFailsTheJob) {
 #else
   constexpr int kExpected = 2;  // this build does not know the option's meaning
 #endif
-  const ClosedPort nobody;
+  const ClosedPort closed_port;
   for (const std::vector<std::string>& command : {std::vector<std::string>{"voxelize", box_},
                                                   {"info", box_},
                                                   {"shaders"},
                                                   {"server-info"},
                                                   {"bench", box_, "--duration", "1"}}) {
     std::vector<std::string> arguments = command;
-    arguments.insert(arguments.end(), {"--server", nobody.address(), "--json"});
+    arguments.insert(arguments.end(), {"--server", closed_port.address(), "--json"});
     const CliOutcome outcome = RunCli(arguments);
     EXPECT_EQ(outcome.exit_code, kExpected) << command[0] << outcome.err;
     EXPECT_EQ(LineCount(outcome.err), 1u) << outcome.err;
