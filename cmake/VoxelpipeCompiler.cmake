@@ -26,6 +26,9 @@ endif()
 # GCC 12 warns in its own header of strings that are assigned, inserted or added (GCC bug 105651).
 target_compile_options(voxelpipe_flags INTERFACE $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<CXX_COMPILER_ID:GNU>>:
   -Wno-array-bounds -Wno-restrict -Wno-stringop-overflow>)
+# The precompiled headers count for its collector of garbage: with its own threshold it searches them again and again.
+target_compile_options(voxelpipe_flags INTERFACE
+  $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<CXX_COMPILER_ID:GNU>>:--param=ggc-min-heapsize=400000>)
 if(CCACHE_PROGRAM AND CMAKE_CXX_COMPILER_ID STREQUAL GNU)
   target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fpch-preprocess>)
 endif()

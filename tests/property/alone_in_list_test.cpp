@@ -1,13 +1,13 @@
 // A mesh gives the same bytes alone, as one of several inputs, beside others that run at the same time, after others in
 // the same process, and as one scene of a file that has several.
 #include <fstream>
-#include <nlohmann/json.hpp>
 #include <sstream>
 #include <thread>
 
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
+#include "support/json/json.h"
 #include "support/meshes/glb_builder.h"
 #include "support/run.h"
 #include "unit/cli/cli_runner.h"
@@ -21,6 +21,7 @@ namespace {
 using nlohmann::json;
 using testing::ByteVector;
 using testing::GlbBuilder;
+using testing::ParseJson;
 using Arrays = std::vector<std::vector<uint8_t>>;
 
 struct Kind {
@@ -69,7 +70,7 @@ class AloneInList : public ::testing::TestWithParam<Kind> {
     std::map<std::string, std::string> hashes;
     std::istringstream lines(outcome.out);
     for (std::string line; std::getline(lines, line);) {
-      const json summary = json::parse(line);
+      const json summary = ParseJson(line);
       hashes[summary["input"]] = summary["hash"];
     }
     EXPECT_EQ(hashes.size(), inputs.size());

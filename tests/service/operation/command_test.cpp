@@ -7,7 +7,6 @@
 #include <fstream>
 #include <future>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 #include <vector>
@@ -16,6 +15,7 @@
 #include "gtest/gtest.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
+#include "support/json/json.h"
 #include "support/resources/closed_port.h"
 #include "unit/cli/cli_process.h"
 #include "unit/cli/cli_runner.h"
@@ -61,10 +61,10 @@ class CommandTest : public ::testing::Test {
   json BenchJson(const std::string& mesh, const std::vector<std::string>& options) {
     const CliOutcome outcome = Bench(mesh, options);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return outcome.exit_code == 0 ? json::parse(outcome.out) : json();
+    return outcome.exit_code == 0 ? ParseJson(outcome.out) : json();
   }
   std::string VoxelizeHash(const std::string& mesh, const std::string& resolution) {
-    return json::parse(RunCli({"voxelize", directory_ / mesh, "--resolution", resolution, "--json"}).out)["hash"];
+    return ParseJson(RunCli({"voxelize", directory_ / mesh, "--resolution", resolution, "--json"}).out)["hash"];
   }
 
   TemporaryDirectory directory_;
@@ -186,12 +186,12 @@ TEST_F(CommandTest, AServedRunTellsItsWorkerAndServersTheirDevices) {
   const std::string server = Start({"--backend", "cpu"});
   const CliOutcome voxelize = RunCli({"voxelize", directory_ / "torus.glb", "--server", server, "--json"});
   ASSERT_EQ(voxelize.exit_code, 0) << voxelize.err;
-  const json run = json::parse(voxelize.out);
+  const json run = ParseJson(voxelize.out);
   EXPECT_THAT(run["worker"].get<std::string>(), HasSubstr("cpu"));
   EXPECT_GE(run["queue_ms"], 0.0);
   EXPECT_EQ(run["batch_jobs"], 1);
   EXPECT_EQ(run["attempts"], 1);
-  const json info = json::parse(RunCli({"server-info", "--server", server, "--json"}).out);
+  const json info = ParseJson(RunCli({"server-info", "--server", server, "--json"}).out);
   ASSERT_EQ(info["devices"].size(), 1u);
   EXPECT_EQ(info["devices"][0]["name"], "cpu");
   EXPECT_EQ(info["devices"][0]["state"], "serving");
@@ -207,7 +207,7 @@ TEST_F(CommandTest, CompressedResultsAreTheSameInFewerBytes) {
     all.insert(all.end(), options.begin(), options.end());
     const CliOutcome outcome = RunCli(all);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return outcome.exit_code == 0 ? json::parse(outcome.out) : json();
+    return outcome.exit_code == 0 ? ParseJson(outcome.out) : json();
   };
   for (const std::string resolution : {"16", "100"}) {  // in one message, and in pieces
     const json here = voxelize(resolution, {});
@@ -243,8 +243,8 @@ TEST_F(CommandTest, AServerSaysOfAMeshWhatThisProcessSays) {
     ASSERT_NE(health, std::string::npos);
     common.erase(health, common.find("  format ") - health);
     EXPECT_EQ(common, there.out);
-    json here_json = json::parse(RunCli({"info", path, "--json"}).out);
-    json there_json = json::parse(RunCli({"info", path, "--server", server, "--json"}).out);
+    json here_json = ParseJson(RunCli({"info", path, "--json"}).out);
+    json there_json = ParseJson(RunCli({"info", path, "--server", server, "--json"}).out);
     for (json* facts : {&here_json, &there_json}) {
       EXPECT_GT((*facts)["peak_bytes"], 0);
       EXPECT_GE((*facts)["stages"]["load"], 0.0);
@@ -267,7 +267,7 @@ TEST_F(CommandTest, AServerSaysOfAMeshWhatThisProcessSays) {
 
 TEST_F(CommandTest, EveryLimitOfAServerIsTold) {
   const std::string server = Start({"--backend", "cpu", "--max-mesh-store-bytes", "3MiB"});
-  const json limits = json::parse(RunCli({"server-info", "--server", server, "--json"}).out)["limits"];
+  const json limits = ParseJson(RunCli({"server-info", "--server", server, "--json"}).out)["limits"];
   EXPECT_EQ(limits["max_mesh_store_bytes"], 3 << 20);
   EXPECT_GT(limits["max_message_bytes"], 0);
   EXPECT_THAT(RunCli({"server-info", "--server", server}).out, HasSubstr("3.0 MiB"));
@@ -303,7 +303,7 @@ TEST_F(BenchTest, ErrorsAreCountedByTheirCode) {
       Bench("triangles.glb", {"--server", server, "--concurrency", "4", "--duration", "0.3", "--deadline-ms", "1",
                               "--resolution", "256", "--target", "f32x1:max:shader=barycentric"});
   EXPECT_EQ(outcome.exit_code, 1);  // nothing was answered
-  const json run = json::parse(outcome.out);
+  const json run = ParseJson(outcome.out);
   EXPECT_EQ(run["ok"], 0);
   EXPECT_GE(run["errors"]["DEADLINE_EXCEEDED"], 4);
   EXPECT_EQ(run["errors"].size(), 1u) << run["errors"];
@@ -326,7 +326,7 @@ TEST_F(BenchTest, AServerThatDiesIsCountedAndTheRunEnds) {
   });
   std::this_thread::sleep_for(std::chrono::milliseconds(1200 * kSlowdown));  // the mesh is there, the load has begun
   servers_[0]->Signal(SIGKILL);
-  const json json_run = json::parse(run.get().out);
+  const json json_run = ParseJson(run.get().out);
   EXPECT_GE(json_run["errors"]["UNAVAILABLE"], 1);
   EXPECT_EQ(json_run["requests"], json_run["ok"].get<int>() + json_run["errors"]["UNAVAILABLE"].get<int>())
       << json_run["errors"];
@@ -337,7 +337,7 @@ TEST_F(BenchTest, AStoppedRunPrintsWhatItHas) {
       Bench("torus.glb", {"--server", Start(), "--concurrency", "2", "--duration", "60", "--resolution", "16"},
             "timeout --preserve-status --signal=INT " + std::to_string(2 * kSlowdown));
   EXPECT_EQ(outcome.exit_code, 130);
-  const json run = json::parse(outcome.out);
+  const json run = ParseJson(outcome.out);
   EXPECT_EQ(run["interrupted"], true);
   EXPECT_LT(run["seconds"], 30.0);
 }
@@ -377,7 +377,7 @@ TEST_F(BatchTest, ServersGiveTheFilesThatThisProcessGives) {
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   EXPECT_TRUE(Files("here") == Files("there"));
   std::map<std::string, int> by_server;
-  const json report = json::parse(ReadFile(directory_ / "there.json"));
+  const json report = ParseJson(ReadFile(directory_ / "there.json"));
   for (const json& item : report["items"]) ++by_server[item["server"]];
   EXPECT_EQ(by_server.size(), 2u);
 }
@@ -393,7 +393,7 @@ TEST_F(BatchTest, AServerThatIsKilledCostsNothingButTime) {
   servers_[0]->Signal(SIGKILL);
   const CliOutcome outcome = run.get();
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(json::parse(outcome.out)["done"], 30);
+  EXPECT_EQ(ParseJson(outcome.out)["done"], 30);
   EXPECT_TRUE(Files("here") == Files("there"));
 }
 
@@ -404,7 +404,7 @@ TEST_F(BatchTest, ABusyServerIsWaitedFor) {
   arguments.insert(arguments.end(), {"--retries", "0"});
   const CliOutcome outcome = RunCli(arguments);
   EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(json::parse(outcome.out)["done"], 12);
+  EXPECT_EQ(ParseJson(outcome.out)["done"], 12);
 }
 
 TEST_F(BatchTest, ServersThatAreNotThereEndTheRunAndAreNamed) {
@@ -418,7 +418,7 @@ TEST_F(BatchTest, ServersThatAreNotThereEndTheRunAndAreNamed) {
   EXPECT_THAT(outcome.err, HasSubstr(closed_port.address()));
   EXPECT_THAT(outcome.err, HasSubstr("Connection refused"));
   EXPECT_THAT(outcome.err, HasSubstr("50 items are left"));
-  const json report = json::parse(ReadFile(directory_ / "out.json"));
+  const json report = ParseJson(ReadFile(directory_ / "out.json"));
   EXPECT_EQ(report["totals"]["left"], 50);
   EXPECT_THAT(std::string(report["error"]), HasSubstr(closed_port.address()));
 }
@@ -436,8 +436,8 @@ TEST_F(BatchTest, AServerThatDiesForGoodEndsTheRun) {
   const CliOutcome outcome = run.get();
   EXPECT_EQ(outcome.exit_code, 1);
   EXPECT_THAT(outcome.err, HasSubstr("items are left"));
-  EXPECT_GT(json::parse(outcome.out)["left"], 0);
-  EXPECT_EQ(json::parse(outcome.out)["failed"], 0);
+  EXPECT_GT(ParseJson(outcome.out)["left"], 0);
+  EXPECT_EQ(ParseJson(outcome.out)["failed"], 0);
 }
 
 TEST_F(BenchTest, TooManyErrorsExitWith1AndRetriesCanBeHonoured) {
@@ -453,8 +453,8 @@ TEST_F(BenchTest, TooManyErrorsExitWith1AndRetriesCanBeHonoured) {
     options.insert(options.end(), {"--max-error-rate", "1"});
     EXPECT_EQ(Bench("triangles.glb", options).exit_code, 0);
     options.push_back("--honour-retry");
-    const json honoured = json::parse(Bench("triangles.glb", options).out);
-    const json plain = json::parse(refused.out);
+    const json honoured = ParseJson(Bench("triangles.glb", options).out);
+    const json plain = ParseJson(refused.out);
     EXPECT_GT(honoured["resends"], 0);
     EXPECT_LT(double(honoured["requests"]) - double(honoured["ok"]),
               (double(plain["requests"]) - double(plain["ok"])) / 2);

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include <grpcpp/grpcpp.h>
-#include <nlohmann/json.hpp>
 
 #include "gmock/gmock.h"
 #include "grpc/health/v1/health.grpc.pb.h"
@@ -18,6 +17,7 @@
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
+#include "support/json/json.h"
 #include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 
@@ -51,7 +51,7 @@ class ObserveTest : public ::testing::Test {
     std::vector<nlohmann::json> found;
     std::ifstream file(log_path_);
     for (std::string line; std::getline(file, line);) {
-      const auto object = nlohmann::json::parse(line, nullptr, /*allow_exceptions=*/false);
+      const auto object = ParseJson(line, false);
       EXPECT_TRUE(object.is_object()) << line;
       if (object.is_object() && object.value("event", "") == event) found.push_back(object);
     }

@@ -1,6 +1,5 @@
 // Who may use the page's port: pages of other origins, rebound names, tokens, addresses of clients, slow clients.
 #include <fstream>
-#include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -13,6 +12,7 @@
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/web_fixture.h"
+#include "support/json/json.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -42,7 +42,7 @@ class DoorTest : public WebServerTest {
     EXPECT_TRUE(Logs("\"request\":\"" + id + "\"") || Logs("\"request\": \"" + id + "\"")) << Log();
     std::istringstream lines(Log());
     for (std::string line; std::getline(lines, line);) {
-      const json parsed = json::parse(line, nullptr, false);
+      const json parsed = ParseJson(line, false);
       if (parsed.is_object() && parsed.value("request", "") == id) return parsed;
     }
     return {};
@@ -62,7 +62,7 @@ TEST_F(DoorTest, ThePageHasAPolicy) {
   EXPECT_EQ(CodeOf({}, "GET", "/../etc/passwd"), 404);
   EXPECT_EQ(CodeOf({}, "GET", "/page.js"), 200);
   EXPECT_EQ(CodeOf({}, "PUT", "/"), 405);
-  const json facts = json::parse(Fetch(web_, "GET", "/facts.json").body);
+  const json facts = ParseJson(Fetch(web_, "GET", "/facts.json").body);
   EXPECT_EQ(facts["messages"]["VoxelizeMeshRequest"]["mesh"]["number"], v1::VoxelizeMeshRequest::kMeshFieldNumber);
   EXPECT_EQ(facts["enums"]["Coverage"]["COVERAGE_THIN"], int(v1::COVERAGE_THIN));
 }

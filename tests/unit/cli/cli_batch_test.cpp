@@ -10,6 +10,7 @@
 
 #include "cli_process.h"
 #include "cli_runner.h"
+#include "support/json/json.h"
 
 namespace voxelpipe {
 namespace {
@@ -20,6 +21,7 @@ using testing::CliOutcome;
 using testing::CliProcess;
 using ::testing::HasSubstr;
 using testing::LineCount;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::RunCli;
 using testing::TemporaryDirectory;
@@ -96,7 +98,7 @@ TEST_F(CliBatch, GivesTheFilesOfSingleCalls) {
              R"({"input":"b.glb","output":"n.npy","target":["bit:or","f32x3:replace:shader=geometric_normal"]})"});
   const CliOutcome outcome = Batch("out", {"--resolution", "30", "--json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json totals = json::parse(outcome.out);
+  const json totals = ParseJson(outcome.out);
   EXPECT_EQ(totals["items"], 3);
   EXPECT_EQ(totals["done"], 3);
   fs::create_directories(directory_ / "one/sub");
@@ -119,7 +121,7 @@ TEST_F(CliBatch, ADirectoryIsAnOutputLikeAFile) {
   const auto done = [&](const char* status) {
     const CliOutcome outcome = Batch("out", {"--resolution", "8", "--json"});
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return json::parse(outcome.out)[status] == 1;
+    return ParseJson(outcome.out)[status] == 1;
   };
   fs::create_directories(directory_ / "out/a.zarr.part-123-0/0");  // of a run that was killed
   EXPECT_TRUE(done("done"));
@@ -138,7 +140,7 @@ TEST_F(CliBatch, FailedItemsAreToldAndTheOthersDone) {
   EXPECT_EQ(LineCount(outcome.err), 2u) << outcome.err;
   EXPECT_THAT(outcome.err, HasSubstr("list.jsonl:1: missing: "));
   EXPECT_THAT(outcome.err, HasSubstr("list.jsonl:3: bad: "));
-  const json report = json::parse(ReadFile(directory_ / "r/report.json"));
+  const json report = ParseJson(ReadFile(directory_ / "r/report.json"));
   EXPECT_EQ(report["totals"]["failed"], 2);
   EXPECT_EQ(report["items"][0]["error"]["code"], "NOT_FOUND");
   EXPECT_EQ(report["items"][1]["status"], "done");
@@ -148,8 +150,8 @@ TEST_F(CliBatch, FailedItemsAreToldAndTheOthersDone) {
   WriteBoxGlb(directory_ / "bad.glb", 1, 1, 2);
   const CliOutcome again = Batch("out", {"--resolution", "8", "--json"});
   EXPECT_EQ(again.exit_code, 0);
-  EXPECT_EQ(json::parse(again.out)["done"], 2);
-  EXPECT_EQ(json::parse(again.out)["skipped"], 1);
+  EXPECT_EQ(ParseJson(again.out)["done"], 2);
+  EXPECT_EQ(ParseJson(again.out)["skipped"], 1);
 }
 
 TEST_F(CliBatch, WrongListsAndOptionsExitWith2AndDoNothing) {
@@ -181,7 +183,7 @@ TEST_F(CliBatch, ShardsTogetherAreTheWhole) {
   for (const char* shard : {"0/3", "1/3", "2/3"}) {
     const CliOutcome outcome = Batch("shards", {"--shard", shard, "--json"});
     ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-    items += json::parse(outcome.out)["done"].get<size_t>();
+    items += ParseJson(outcome.out)["done"].get<size_t>();
   }
   EXPECT_EQ(items, 7u);
   EXPECT_TRUE(FilesBelow(directory_ / "whole") == FilesBelow(directory_ / "shards"));
@@ -205,7 +207,7 @@ TEST_F(CliBatch, KilledTenTimesAtRandomMomentsTheOutputsAreThoseOfAnUndisturbedR
   EXPECT_LT(before, size_t(kItems));
   const CliOutcome last = Batch("killed", {"--json"});
   ASSERT_EQ(last.exit_code, 0) << last.err;
-  EXPECT_EQ(json::parse(last.out)["skipped"], before);  // what was finished stayed finished
+  EXPECT_EQ(ParseJson(last.out)["skipped"], before);  // what was finished stayed finished
   const Tree killed = FilesBelow(directory_ / "killed"), undisturbed = FilesBelow(directory_ / "undisturbed");
   for (const auto& [name, bytes] : killed) EXPECT_TRUE(undisturbed.contains(name)) << name << " is left over";
   EXPECT_TRUE(killed == undisturbed);
@@ -217,7 +219,7 @@ TEST_F(CliBatch, AStoppedRunSaysWhatIsLeft) {
   ASSERT_TRUE(WaitForItems(process, "out", 2));
   process.Signal(SIGINT);
   EXPECT_EQ(process.Wait(), 130);
-  const json report = json::parse(ReadFile(directory_ / "report.json"));
+  const json report = ParseJson(ReadFile(directory_ / "report.json"));
   const int done = report["totals"]["done"], left = report["totals"]["left"];
   EXPECT_GE(done, 2);
   EXPECT_GE(left, 1);
@@ -229,7 +231,7 @@ TEST_F(CliBatch, AStoppedRunSaysWhatIsLeft) {
   }
   const CliOutcome again = Batch("out", {"--json"});
   EXPECT_EQ(again.exit_code, 0);
-  EXPECT_EQ(json::parse(again.out)["done"], left);
+  EXPECT_EQ(ParseJson(again.out)["done"], left);
 }
 
 TEST_F(CliBatch, ASecondRunOfTheSameShardIsRefused) {
@@ -261,7 +263,7 @@ TEST_F(CliBatch, NothingIsWrittenThroughALinkOutOfItsDirectory) {
   const CliOutcome outcome = Batch("out", {"--resolution", "8", "--report", directory_ / "report.json"});
   EXPECT_EQ(outcome.exit_code, 3) << outcome.err;
   EXPECT_EQ(LineCount(outcome.err), 5u) << outcome.err;
-  const json report = json::parse(ReadFile(directory_ / "report.json"));
+  const json report = ParseJson(ReadFile(directory_ / "report.json"));
   for (const json& item : report["items"]) {
     if (item["id"] == "inside") {
       EXPECT_EQ(item["status"], "done");
@@ -292,7 +294,7 @@ TEST_F(CliBatch, OnlyPermanentErrorsOfItemsExitWith3) {
   const size_t at = outcome.err.find(directory_ / "missing.glb");  // named once
   ASSERT_NE(at, std::string::npos) << outcome.err;
   EXPECT_EQ(outcome.err.find(directory_ / "missing.glb", at + 1), std::string::npos) << outcome.err;
-  const json report = json::parse(ReadFile(directory_ / "report.json"));
+  const json report = ParseJson(ReadFile(directory_ / "report.json"));
   EXPECT_EQ(report["items"][1]["error"]["permanent"], true);
   // A full disk is not a fault of an item.
   WriteList({R"({"input":"bad.glb"})", R"({"input":"a.glb","id":"x"})"});
@@ -304,16 +306,16 @@ TEST_F(CliBatch, ANameOfTheLongestLengthIsDoneOnce) {
   WriteList({"{\"input\":\"a.glb\",\"id\":\"" + id + "\"}"});
   EXPECT_EQ(Batch("out", {"--resolution", "8"}).exit_code, 0);
   EXPECT_TRUE(fs::exists(directory_ / ("out/" + id + ".npy")));
-  EXPECT_EQ(json::parse(Batch("out", {"--resolution", "8", "--json"}).out)["skipped"], 1);
+  EXPECT_EQ(ParseJson(Batch("out", {"--resolution", "8", "--json"}).out)["skipped"], 1);
 }
 
 TEST_F(CliBatch, ARawItemIsDescribedAndItsDescriptionBelongsToIt) {
   WriteList({R"({"input":"a.glb","id":"x","format":"raw"})"});
   ASSERT_EQ(Batch("out", {"--resolution", "8"}).exit_code, 0);
   EXPECT_TRUE(fs::exists(directory_ / "out/x.raw.json"));
-  EXPECT_EQ(json::parse(Batch("out", {"--resolution", "8", "--json"}).out)["skipped"], 1);
+  EXPECT_EQ(ParseJson(Batch("out", {"--resolution", "8", "--json"}).out)["skipped"], 1);
   fs::remove(directory_ / "out/x.raw.json");
-  EXPECT_EQ(json::parse(Batch("out", {"--resolution", "8", "--json"}).out)["done"], 1);
+  EXPECT_EQ(ParseJson(Batch("out", {"--resolution", "8", "--json"}).out)["done"], 1);
 }
 
 }  // namespace

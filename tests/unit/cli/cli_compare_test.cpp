@@ -6,6 +6,7 @@
 
 #include "cli_runner.h"
 #include "encode/encode.h"
+#include "support/json/json.h"
 #include "support/sanitized.h"
 
 namespace voxelpipe {
@@ -18,6 +19,7 @@ using testing::CliOutcome;
 using testing::EmptyResult;
 using ::testing::HasSubstr;
 using testing::LineCount;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::RunCli;
 using testing::SampleBit;
@@ -35,7 +37,7 @@ class CliCompare : public ::testing::Test {
     options.push_back("--json");
     const CliOutcome outcome = Compare(a, b, options);
     EXPECT_THAT(outcome.exit_code, ::testing::AnyOf(0, 1)) << outcome.err;
-    const json report = json::parse(outcome.out, nullptr, false);
+    const json report = ParseJson(outcome.out, false);
     EXPECT_EQ(report.value("equal", false), outcome.exit_code == 0);
     return report;
   }

@@ -11,6 +11,7 @@
 
 #include "cli_process.h"
 #include "cli_runner.h"
+#include "support/json/json.h"
 
 namespace voxelpipe {
 namespace {
@@ -22,6 +23,7 @@ using testing::CliProcess;
 using ::testing::HasSubstr;
 using testing::LineCount;
 using ::testing::Not;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::RunCli;
 using testing::TemporaryDirectory;
@@ -47,8 +49,8 @@ class CliFiles : public ::testing::Test {
 TEST_F(CliFiles, ARawFileIsDescribedBesideIt) {
   const CliOutcome outcome = Voxelize({"-o", directory_ / "out.raw"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json summary = json::parse(outcome.out);
-  const json about = json::parse(TextOf("out.raw.json"));
+  const json summary = ParseJson(outcome.out);
+  const json about = ParseJson(TextOf("out.raw.json"));
   for (const char* key : {"dims", "origin", "voxel_size", "hash"}) EXPECT_EQ(about[key], summary[key]) << key;
   EXPECT_EQ(summary["files"], json({directory_ / "out.raw", directory_ / "out.raw.json"}));
   EXPECT_EQ(about["targets"][0]["bytes"], fs::file_size(directory_ / "out.raw"));
@@ -204,7 +206,7 @@ TEST_F(CliFiles, WhatLiesOutsideIsReadWhereItIsAllowedAndRefusedByNameOtherwise)
     EXPECT_THAT(refused.err, HasSubstr("--allow-outside"));
     const CliOutcome allowed = run(name, {"--allow-outside"});
     ASSERT_EQ(allowed.exit_code, 0) << allowed.err;
-    EXPECT_EQ(json::parse(allowed.out)["hash"], json::parse(inside.out)["hash"]) << name;
+    EXPECT_EQ(ParseJson(allowed.out)["hash"], ParseJson(inside.out)["hash"]) << name;
     // Who wants no colour needs no texture.
     EXPECT_EQ(RunCli({"voxelize", directory_ / name, "--resolution", "8"}).exit_code, 0);
     EXPECT_EQ(RunCli({"info", directory_ / name}).exit_code, 0);

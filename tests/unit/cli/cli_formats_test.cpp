@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "cli_runner.h"
+#include "support/json/json.h"
 #include "support/meshes/glb_builder.h"
 #include "support/meshes/zip_maker.h"
 
@@ -15,6 +16,7 @@ namespace {
 using nlohmann::json;
 using testing::CliOutcome;
 using ::testing::HasSubstr;
+using testing::ParseJson;
 using testing::RunCli;
 using testing::TemporaryDirectory;
 
@@ -32,7 +34,7 @@ class CliFormats : public ::testing::Test {
     more.insert(more.begin(), {"voxelize", path, "--resolution", "16", "--json"});
     const CliOutcome outcome = RunCli(more);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return outcome.exit_code == 0 ? json::parse(outcome.out) : json::object();
+    return outcome.exit_code == 0 ? ParseJson(outcome.out) : json::object();
   }
   TemporaryDirectory directory_;
 };
@@ -68,8 +70,8 @@ TEST_F(CliFormats, InfoSaysTheUnit) {
               HasSubstr("unit        no unit; --unit mm|cm|m|in scales the file to metres"));
   EXPECT_THAT(RunCli({"info", path}).out, HasSubstr("size        20 x 20 x 20\n"));
   EXPECT_THAT(RunCli({"info", path, "--unit", "mm"}).out, HasSubstr("size        0.02 x 0.02 x 0.02 metres"));
-  EXPECT_EQ(json::parse(RunCli({"info", path, "--json"}).out)["unit"], nullptr);
-  EXPECT_EQ(json::parse(RunCli({"info", path, "--json", "--unit", "in"}).out)["unit"], "in");
+  EXPECT_EQ(ParseJson(RunCli({"info", path, "--json"}).out)["unit"], nullptr);
+  EXPECT_EQ(ParseJson(RunCli({"info", path, "--json", "--unit", "in"}).out)["unit"], "in");
   const testing::ByteVector glb = testing::CubeGlb();
   const std::string cube = Write("cube.glb", {glb.begin(), glb.end()});
   const CliOutcome refused = RunCli({"info", cube, "--unit", "mm"});
@@ -127,7 +129,7 @@ TEST_F(CliFormats, ABatchTakesUnitsByItem) {
   const CliOutcome again =
       RunCli({"batch", changed, "--output-dir", out, "--resolution", "8", "--format", "npz", "--json"});
   ASSERT_EQ(again.exit_code, 0) << again.err;
-  EXPECT_EQ(json::parse(again.out)["done"], 1) << again.out;
+  EXPECT_EQ(ParseJson(again.out)["done"], 1) << again.out;
 }
 
 }  // namespace

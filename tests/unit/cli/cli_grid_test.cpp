@@ -8,6 +8,8 @@
 
 #include "cli_runner.h"
 
+#include "support/json/json.h"
+
 namespace voxelpipe {
 namespace {
 
@@ -15,6 +17,7 @@ using nlohmann::json;
 using testing::CliOutcome;
 using ::testing::HasSubstr;
 using testing::LineCount;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::RunCli;
 using testing::TemporaryDirectory;
@@ -28,7 +31,7 @@ class CliGrid : public ::testing::Test {
     options.insert(options.begin(), {"voxelize", box_, "--json"});
     const CliOutcome outcome = RunCli(options);
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-    return json::parse(outcome.out, nullptr, false);
+    return ParseJson(outcome.out, false);
   }
   void ExpectRefused(std::vector<std::string> options, const std::string& why) {
     options.insert(options.begin(), {"voxelize", box_});

@@ -6,6 +6,8 @@
 
 #include "cli_runner.h"
 
+#include "support/json/json.h"
+
 namespace voxelpipe {
 namespace {
 
@@ -13,6 +15,7 @@ using nlohmann::json;
 using testing::CliOutcome;
 using ::testing::HasSubstr;
 using testing::LineCount;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::RunCli;
 using testing::TemporaryDirectory;
@@ -38,7 +41,7 @@ class CliInfo : public ::testing::Test {
 TEST_F(CliInfo, AClosedMeshIsWatertightAndItsNextStepRuns) {
   const CliOutcome outcome = RunCli({"info", box_, "--json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json about = json::parse(outcome.out);
+  const json about = ParseJson(outcome.out);
   EXPECT_EQ(about["size"], json({1.0, 2.0, 4.0}));
   const json& health = about["health"];
   EXPECT_EQ(health["watertight"], true);
@@ -64,7 +67,7 @@ TEST_F(CliInfo, AHoleOpensTheMesh) {
   Replace<uint16_t>(2, 3);  // the last corner of the last triangle, which becomes degenerate
   const CliOutcome outcome = RunCli({"info", box_, "--json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json health = json::parse(outcome.out)["health"];
+  const json health = ParseJson(outcome.out)["health"];
   EXPECT_EQ(health["watertight"], false);
   EXPECT_EQ(health["open_edges"], 3);
   EXPECT_EQ(health["degenerate_triangles"], 1);

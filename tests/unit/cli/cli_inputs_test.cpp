@@ -7,6 +7,8 @@
 
 #include "cli_runner.h"
 
+#include "support/json/json.h"
+
 namespace voxelpipe {
 namespace {
 
@@ -16,6 +18,7 @@ using testing::CliOutcome;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::LineCount;
+using testing::ParseJson;
 using testing::RunCli;
 using testing::TemporaryDirectory;
 using testing::WriteBoxGlb;
@@ -39,7 +42,7 @@ class CliInputs : public ::testing::Test {
     std::vector<std::string> inputs;
     std::istringstream lines(outcome.out);
     for (std::string line; std::getline(lines, line);) {
-      const std::string path = json::parse(line)["input"];
+      const std::string path = ParseJson(line)["input"];
       inputs.push_back(fs::path(path).lexically_relative(directory_.path()).string());
     }
     return inputs;

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "cli_runner.h"
+#include "support/json/json.h"
 #include "terminal.h"
 
 namespace voxelpipe {
@@ -15,6 +16,7 @@ using nlohmann::json;
 using testing::CliOutcome;
 using ::testing::HasSubstr;
 using testing::LineCount;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::RunCli;
 using testing::TemporaryDirectory;
@@ -29,7 +31,7 @@ class CliProgress : public ::testing::Test {
     std::vector<json> events;
     std::istringstream in(lines);
     for (std::string line; std::getline(in, line);) {
-      events.push_back(json::parse(line, nullptr, false));
+      events.push_back(ParseJson(line, false));
       for (const char* key : {"stage", "fraction", "item", "items", "elapsed_ms", "eta_ms"}) {
         EXPECT_TRUE(events.back().contains(key)) << line;
       }
@@ -44,7 +46,7 @@ class CliProgress : public ::testing::Test {
 TEST_F(CliProgress, JsonLinesTellTheStagesOfAMeshAndLeaveStandardOutputAlone) {
   const CliOutcome outcome = RunCli({"voxelize", box_, "--resolution", "8", "--json", "--progress", "json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(json::parse(outcome.out)["triangles"], 12);
+  EXPECT_EQ(ParseJson(outcome.out)["triangles"], 12);
   const std::vector<json> events = Events(outcome.err);
   std::vector<std::string> stages;
   for (const json& event : events) {

@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "cli_runner.h"
+#include "support/json/json.h"
 #include "terminal.h"
 
 namespace voxelpipe {
@@ -15,6 +16,7 @@ using nlohmann::json;
 using testing::CliOutcome;
 using ::testing::HasSubstr;
 using testing::LineCount;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::RunCli;
 using testing::ShellQuoted;
@@ -51,7 +53,7 @@ TEST_F(CliStreams, AMeshFromStandardInputGivesTheBytesOfItsFile) {
   ASSERT_EQ(Voxelize({box_, "-o", directory_ / "file.npy"}).exit_code, 0);
   const CliOutcome read = Voxelize({"-", "-o", directory_ / "stream.npy", "--json"}, from_box_);
   ASSERT_EQ(read.exit_code, 0) << read.err;
-  EXPECT_EQ(json::parse(read.out)["input"], "-");
+  EXPECT_EQ(ParseJson(read.out)["input"], "-");
   EXPECT_EQ(Written("stream.npy"), Written("file.npy"));
 }
 
@@ -61,7 +63,7 @@ TEST_F(CliStreams, AMeshThatComesThroughAPipeInPiecesIsRead) {
       "mkfifo " + pipe + "; ( (head -c 100; sleep 0.2; cat) <" + ShellQuoted(box_) + " >" + pipe + " 2>/dev/null & ) ;";
   const CliOutcome outcome = RunCli({"voxelize", "-", "--resolution", "16", "--json"}, writer, "<" + pipe);
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(json::parse(outcome.out)["triangles"], 12);
+  EXPECT_EQ(ParseJson(outcome.out)["triangles"], 12);
 }
 
 TEST_F(CliStreams, AnEmptyStandardInputFailsTheJobByName) {
@@ -74,8 +76,8 @@ TEST_F(CliStreams, AnEmptyStandardInputFailsTheJobByName) {
 TEST_F(CliStreams, InfoReadsStandardInputToo) {
   const CliOutcome outcome = RunCli({"info", "-", "--json"}, "", from_box_);
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(json::parse(outcome.out)["triangles"], 12);
-  const std::string next = json::parse(outcome.out)["health"]["next"];
+  EXPECT_EQ(ParseJson(outcome.out)["triangles"], 12);
+  const std::string next = ParseJson(outcome.out)["health"]["next"];
   EXPECT_THAT(next, ::testing::EndsWith("-o voxels.npy")) << "there is no name to take";
 }
 
@@ -91,7 +93,7 @@ TEST_F(CliStreams, SiblingsOfAGltfOnStandardInputAreThoseOfTheWorkingDirectory) 
   const std::string here = "cd " + ShellQuoted(directory_.path().string()) + " &&";
   const CliOutcome outcome = RunCli({"info", "-", "--json"}, here, "<tri.gltf");
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  EXPECT_EQ(json::parse(outcome.out)["triangles"], 1);
+  EXPECT_EQ(ParseJson(outcome.out)["triangles"], 1);
 }
 
 TEST_F(CliStreams, EveryFormatOnStandardOutputIsItsFile) {
@@ -101,7 +103,7 @@ TEST_F(CliStreams, EveryFormatOnStandardOutputIsItsFile) {
     const CliOutcome streamed = Voxelize({box_, "-o", "-", "--format", format, "--json"});
     ASSERT_EQ(streamed.exit_code, 0) << streamed.err;
     EXPECT_EQ(streamed.out, Written(file)) << format;
-    const json summary = json::parse(streamed.err);  // and nothing else
+    const json summary = ParseJson(streamed.err);  // and nothing else
     EXPECT_EQ(summary["files"], json({"-"}));
     EXPECT_EQ(summary["triangles"], 12);
   }

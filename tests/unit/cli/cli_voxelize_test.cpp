@@ -6,6 +6,8 @@
 
 #include "cli_runner.h"
 
+#include "support/json/json.h"
+
 namespace voxelpipe {
 namespace {
 
@@ -14,6 +16,7 @@ using testing::CliOutcome;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using testing::LineCount;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::RunCli;
 using testing::TemporaryDirectory;
@@ -29,7 +32,7 @@ class CliVoxelize : public ::testing::Test {
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
     EXPECT_EQ(outcome.err, "");
     EXPECT_EQ(LineCount(outcome.out), 1u);
-    return json::parse(outcome.out, nullptr, false);
+    return ParseJson(outcome.out, false);
   }
 
   TemporaryDirectory directory_;
@@ -82,7 +85,7 @@ TEST_F(CliVoxelize, WritesPackedBitsAsRaw) {
 TEST_F(CliVoxelize, TheHashIsThatOfTheWrittenBytes) {
   const json summary = VoxelizeJson({"--resolution", "8", "-o", directory_ / "out.raw"});
   const CliOutcome again = RunCli({"voxelize", box_, "--resolution", "8", "--json"});
-  EXPECT_EQ(json::parse(again.out)["hash"], summary["hash"]);
+  EXPECT_EQ(ParseJson(again.out)["hash"], summary["hash"]);
   ASSERT_EQ(std::system(("cd " + directory_.path().string() + " && sha256sum out.raw > sum").c_str()), 0);
   const std::vector<uint8_t> sum = ReadFile(directory_ / "sum");
   EXPECT_EQ(std::string(sum.begin(), sum.begin() + 64), summary["hash"]);
@@ -145,7 +148,7 @@ TEST_F(CliVoxelize, SeveralInputsGiveALineAndAFileEach) {
   EXPECT_THAT(outcome.err, HasSubstr("missing.glb"));
   std::istringstream lines(outcome.out);
   std::vector<json> objects;
-  for (std::string line; std::getline(lines, line);) objects.push_back(json::parse(line));
+  for (std::string line; std::getline(lines, line);) objects.push_back(ParseJson(line));
   ASSERT_EQ(objects.size(), 2u);
   EXPECT_THAT(objects[0]["files"], ElementsAre(directory_ / "results/box.npy"));
   EXPECT_THAT(objects[1]["files"], ElementsAre(directory_ / "results/cube.npy"));
@@ -178,7 +181,7 @@ TEST_F(CliVoxelize, TakesAGridThatIsGiven) {
 TEST_F(CliVoxelize, InfoReportsTheMesh) {
   const CliOutcome outcome = RunCli({"info", box_, "--json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
-  const json info = json::parse(outcome.out);
+  const json info = ParseJson(outcome.out);
   EXPECT_EQ(info["triangles"], 12);
   EXPECT_EQ(info["open_edges"], 0);
   EXPECT_THAT(info["max"], ElementsAre(2, 1, 1));
@@ -211,8 +214,8 @@ TEST_F(CliVoxelize, AFilesOwnAttributesAreListedAndVoxelized) {
   const std::string mesh = WriteHeatGltf(directory_);
   const CliOutcome info = RunCli({"info", mesh, "--json"});
   ASSERT_EQ(info.exit_code, 0) << info.err;
-  EXPECT_EQ(json::parse(info.out)["attributes"], json::parse(R"([{"name":"_HEAT","components":1}])"));
-  const json warnings = json::parse(info.out)["warnings"];
+  EXPECT_EQ(ParseJson(info.out)["attributes"], ParseJson(R"([{"name":"_HEAT","components":1}])"));
+  const json warnings = ParseJson(info.out)["warnings"];
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_EQ(warnings[0]["code"], "count_mismatch");
   EXPECT_EQ(warnings[0]["place"], "attribute _HEAT");
@@ -236,7 +239,7 @@ TEST_F(CliVoxelize, ShadersAreListed) {
   const CliOutcome outcome = RunCli({"shaders", "--json"});
   ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
   std::vector<std::string> names;
-  const json list = json::parse(outcome.out);
+  const json list = ParseJson(outcome.out);
   for (const json& shader : list["shaders"]) names.push_back(shader["name"]);
   EXPECT_THAT(names,
               ::testing::IsSupersetOf({"identity", "transform", "occupancy", "constant", "triangle_id", "barycentric",

@@ -5,6 +5,7 @@
 #include <fstream>
 
 #include "cli_runner.h"
+#include "support/json/json.h"
 #include "support/meshes/glb_builder.h"
 
 namespace voxelpipe {
@@ -16,6 +17,7 @@ using testing::GlbBuilder;
 using ::testing::HasSubstr;
 using testing::LineCount;
 using ::testing::Not;
+using testing::ParseJson;
 using testing::RunCli;
 using testing::TemporaryDirectory;
 
@@ -52,7 +54,7 @@ TEST_F(CliWarnings, AMissingTextureIsNeverSilent) {
   ASSERT_EQ(colours.exit_code, 0) << colours.err;
   EXPECT_EQ(LineCount(colours.err), 1u);
   EXPECT_THAT(colours.err, HasSubstr("textured.glb: warning: image 0: the URI 'gone.png'"));
-  const json warnings = json::parse(colours.out)["warnings"];
+  const json warnings = ParseJson(colours.out)["warnings"];
   ASSERT_EQ(warnings.size(), 1u);
   EXPECT_EQ(warnings[0]["code"], "texture_missing");
   EXPECT_EQ(warnings[0]["place"], "image 0");
@@ -60,7 +62,7 @@ TEST_F(CliWarnings, AMissingTextureIsNeverSilent) {
 
   const CliOutcome plain = RunCli({"voxelize", mesh, "--resolution", "4", "--json"});
   EXPECT_EQ(plain.err, "") << "nobody reads the texture";
-  EXPECT_EQ(json::parse(plain.out)["warnings"], json::array());
+  EXPECT_EQ(ParseJson(plain.out)["warnings"], json::array());
   EXPECT_THAT(RunCli({"info", mesh}).out, HasSubstr("image 0: the URI 'gone.png'"));
 }
 
@@ -90,7 +92,7 @@ TEST_F(CliWarnings, FiveLinesAndHowManyMore) {
   EXPECT_EQ(LineCount(run.err), 6u) << run.err;
   EXPECT_THAT(run.err, HasSubstr("left.glb: warning: mesh 4, primitive 0: indices left over"));
   EXPECT_THAT(run.err, HasSubstr("left.glb: warning: and 125 more\n"));
-  const json report = json::parse(run.out);
+  const json report = ParseJson(run.out);
   EXPECT_EQ(report["warnings"].size(), 100u);
   EXPECT_EQ(report["warnings_left_out"], 30);
 }
@@ -127,7 +129,7 @@ TEST_F(CliWarnings, OfABatchStandWithTheirItems) {
     EXPECT_THAT(run.err, HasSubstr("warning: textured: image 0: the URI 'gone.png'")) << status;
     EXPECT_THAT(run.out, HasSubstr(", 1 with warnings"));
     const std::vector<uint8_t> bytes = testing::ReadFile(directory_ / "report.json");
-    const json report = json::parse(bytes.begin(), bytes.end());
+    const json report = ParseJson(bytes);
     EXPECT_EQ(report["totals"]["warned"], 1);
     EXPECT_EQ(report["items"][0]["status"], status);
     ASSERT_EQ(report["items"][0]["warnings"].size(), 1u) << "also of what a run before has done";

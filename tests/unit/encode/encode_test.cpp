@@ -3,10 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <nlohmann/json.hpp>
-
 #include "encode/npy.h"
 #include "sample_results.h"
+#include "support/json/json.h"
 
 namespace voxelpipe {
 namespace {
@@ -16,6 +15,7 @@ using testing::AddFloats;
 using ::testing::ElementsAre;
 using testing::EmptyResult;
 using ::testing::HasSubstr;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::SampleBit;
 using testing::SampleValue;
@@ -44,7 +44,7 @@ TEST(WriteResult, DescribesRawFiles) {
   EXPECT_THAT(WrittenPaths("out.npy", 2), ElementsAre("out.0.npy", "out.1.npy"));
 
   using nlohmann::json;
-  const json about = json::parse(ReadFile(directory / "out.raw.json"));
+  const json about = ParseJson(ReadFile(directory / "out.raw.json"));
   EXPECT_EQ(about["dims"], json({3, 4, 5}));
   EXPECT_EQ(about["origin"], json({-1.0, 0.1, 2.0}));
   EXPECT_EQ(about["voxel_size"], json({0.5, 0.25, 2.0}));

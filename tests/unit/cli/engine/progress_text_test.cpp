@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <nlohmann/json.hpp>
+#include "support/json/json.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -50,12 +50,12 @@ TEST(ProgressText, TheTimeLeftIsKnownForListsOnceAnItemHasEnded) {
 }
 
 TEST(ProgressText, JsonHasSixKeysOnOneLine) {
-  const nlohmann::json json = nlohmann::json::parse(ProgressJson(List(1, 3, 100.4)));
+  const nlohmann::json json = testing::ParseJson(ProgressJson(List(1, 3, 100.4)));
   EXPECT_EQ(
       json,
       nlohmann::json(
           {{"stage", "load"}, {"fraction", 0.5}, {"item", 2}, {"items", 3}, {"elapsed_ms", 100}, {"eta_ms", 201}}));
-  EXPECT_TRUE(nlohmann::json::parse(ProgressJson(List(0, 3, 1)))["eta_ms"].is_null());
+  EXPECT_TRUE(testing::ParseJson(ProgressJson(List(0, 3, 1)))["eta_ms"].is_null());
   EXPECT_THAT(ProgressJson(List(0, 3, 1)), Not(HasSubstr("\n")));
 }
 

@@ -2,10 +2,9 @@
 #include <gtest/gtest.h>
 #include <zlib.h>
 
-#include <nlohmann/json.hpp>
-
 #include "absl/strings/escaping.h"
 #include "encode/encode.h"
+#include "support/json/json.h"
 #include "unit/encode/sample_results.h"
 
 namespace voxelpipe {
@@ -14,6 +13,7 @@ namespace {
 using testing::AddBits;
 using testing::BitFormula;
 using testing::EmptyResult;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::TemporaryDirectory;
 
@@ -39,7 +39,7 @@ PageData ReadPage(const std::string& path) {
   EXPECT_EQ(bytes.substr(0, 4), "VXV1");
   uint32_t text_bytes = 0;
   std::memcpy(&text_bytes, &bytes.at(4), sizeof text_bytes);
-  PageData data{nlohmann::json::parse(bytes.substr(8, text_bytes)), {}};
+  PageData data{ParseJson(bytes.substr(8, text_bytes)), {}};
   data.cells.resize(data.description.at("voxels").get<size_t>());
   EXPECT_GE(bytes.size(), 8 + text_bytes + 8 * data.cells.size());
   if (!data.cells.empty()) std::memcpy(data.cells.data(), &bytes.at(8 + text_bytes), 8 * data.cells.size());

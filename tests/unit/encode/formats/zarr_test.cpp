@@ -5,10 +5,10 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
-#include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
 #include "encode/encode.h"
+#include "support/json/json.h"
 #include "unit/encode/sample_results.h"
 
 namespace voxelpipe {
@@ -17,12 +17,13 @@ namespace {
 using nlohmann::json;
 using testing::AddFloats;
 using testing::EmptyResult;
+using testing::ParseJson;
 using testing::ReadFile;
 using testing::TemporaryDirectory;
 
 // All elements of a level, z, y, x; of a component if `component` is not negative. Chunks that are left out are zero.
 std::vector<float> ReadLevel(const std::string& path, int component = -1) {
-  const json array = json::parse(ReadFile(path + "/.zarray"));
+  const json array = ParseJson(ReadFile(path + "/.zarray"));
   const size_t skip = component < 0 ? 0 : 1;
   EXPECT_EQ(array["dtype"], "<f4");
   const auto shape = array["shape"].get<std::vector<size_t>>();
@@ -89,11 +90,11 @@ TEST(Zarr, EachLevelHasTheLargestMagnitudesOfTheOneBefore) {
     const std::string path = directory / (layout == Layout::kPlanar ? "planar.zarr" : "interleaved.zarr");
     ASSERT_TRUE(WriteResult(result, path).ok());
 
-    const json image = json::parse(ReadFile(path + "/.zattrs"))["multiscales"][0];
+    const json image = ParseJson(ReadFile(path + "/.zattrs"))["multiscales"][0];
     ASSERT_EQ(image["datasets"].size(), 3u);  // 600, 300, 150
     EXPECT_EQ(image["datasets"][2]["path"], "2");
     EXPECT_EQ(image["datasets"][2]["coordinateTransformations"],
-              json::parse(R"([{"type": "scale", "scale": [1, 8.0, 1.0, 2.0]},
+              ParseJson(R"([{"type": "scale", "scale": [1, 8.0, 1.0, 2.0]},
                               {"type": "translation", "translation": [0, 34.0, 20.5, 11.0]}])"));
     for (int c = 0; c < 2; ++c) {
       std::vector<float> expected;
@@ -115,7 +116,7 @@ TEST(Zarr, ASmallImageHasOneLevel) {
   AddFloats(result, 1, [](int64_t, int64_t, int64_t, int) { return 1.5f; });
   const std::string path = directory / "small.zarr";
   ASSERT_TRUE(WriteResult(result, path).ok());
-  EXPECT_EQ(json::parse(ReadFile(path + "/.zattrs"))["multiscales"][0]["datasets"].size(), 1u);
+  EXPECT_EQ(ParseJson(ReadFile(path + "/.zattrs"))["multiscales"][0]["datasets"].size(), 1u);
   EXPECT_EQ(ReadLevel(path + "/0"), std::vector<float>(4 * 5 * 6, 1.5f));
 }
 

@@ -143,7 +143,7 @@ TEST(JobTest, AnEstimateIsThePlanOfTheJob) {
   ASSERT_TRUE(RunJob(CubeFile(), config, {}, job, [&](const Plan& plan) { planned = plan; }).ok());
   const auto mesh = PrepareMesh(CubeFile(), config, {}, job);
   ASSERT_TRUE(mesh.ok()) << mesh.status();
-  const auto estimate = EstimateJob(**mesh, config, {}, job);
+  const auto estimate = EstimateJob(**SelectBackend(BackendChoice::kCpu), **mesh, config, {}, job);
   ASSERT_TRUE(estimate.ok()) << estimate.status();
   EXPECT_EQ(estimate->plan.grid, planned.grid);
   EXPECT_EQ(estimate->plan.grid.dims, (std::array<int64_t, 3>{8, 4, 4})) << "the box is that of the shaded vertices";

@@ -3,9 +3,8 @@
 #include <limits>
 #include <string>
 
-#include <nlohmann/json.hpp>
-
 #include "gtest/gtest.h"
+#include "support/json/json.h"
 
 namespace voxelpipe {
 namespace {
@@ -21,7 +20,7 @@ TEST(LogTest, WhatAStrangerSendsStaysWithinItsField) {
   LogLine line("call", LogFormat::kJson);
   line.Add("error", hostile).Add("bad", std::numeric_limits<double>::infinity());
   EXPECT_EQ(line.text().find('\n'), std::string::npos);
-  const auto object = nlohmann::json::parse("{" + line.text() + "}", nullptr, /*allow_exceptions=*/false);
+  const auto object = testing::ParseJson("{" + line.text() + "}", false);
   ASSERT_TRUE(object.is_object()) << line.text();
   EXPECT_EQ(object.size(), 3u);
   EXPECT_EQ(object["event"], "call");

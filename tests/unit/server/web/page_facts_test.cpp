@@ -1,9 +1,8 @@
 #include "web/page_facts.h"
 
-#include <nlohmann/json.hpp>
-
 #include "encode/format_registry.h"
 #include "gtest/gtest.h"
+#include "support/json/json.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "web/page_files.h"
 
@@ -13,7 +12,7 @@ namespace {
 using nlohmann::json;
 
 TEST(PageFactsTest, DescribeTheMessagesAsTheyAre) {
-  const json facts = json::parse(PageFacts());
+  const json facts = testing::ParseJson(PageFacts());
   const json& config = facts["messages"]["VoxelizeConfig"];
   EXPECT_EQ(config["mesh_id"]["number"], v1::VoxelizeConfig::kMeshIdFieldNumber);
   EXPECT_EQ(config["mesh_id"]["type"], "string");
@@ -25,7 +24,7 @@ TEST(PageFactsTest, DescribeTheMessagesAsTheyAre) {
 }
 
 TEST(PageFactsTest, NameNothingThatTheyDoNotDescribe) {
-  const json facts = json::parse(PageFacts());
+  const json facts = testing::ParseJson(PageFacts());
   size_t named = 0;
   for (const auto& [name, fields] : facts["messages"].items()) {
     for (const auto& [key, field] : fields.items()) {
