@@ -1,5 +1,7 @@
 #include "pipeline/stages/backend.h"
 
+#include <string_view>
+
 #include "cpu/backend.h"
 #if defined(VOXELPIPE_HAVE_CUDA)
 #include "cuda/backend.h"
@@ -26,17 +28,6 @@ const Backend* FindRegistered(std::string_view name) {
 
 void RegisterDevice(const Backend* device) {
   Registered().push_back(device);
-}
-
-std::vector<std::string> AvailableBackends() {
-  std::vector<std::string> names;
-  bool cuda = FindRegistered("cuda") != nullptr;
-#if defined(VOXELPIPE_HAVE_CUDA)
-  cuda = cuda || cuda::FirstCudaBackend().ok();
-#endif
-  if (cuda) names.emplace_back("cuda");
-  names.emplace_back(cpu::CpuBackend().name());
-  return names;
 }
 
 std::vector<const Backend*> Devices() {

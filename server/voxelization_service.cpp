@@ -9,7 +9,6 @@
 #include "calls/refused_call.h"
 #include "calls/voxelize_call.h"
 #include "calls/voxelize_mesh_call.h"
-#include "pipeline/stages/backend.h"
 #include "reply/raw_message.h"
 #include "shaders/catalog.h"
 #include "wire/response.h"
@@ -23,12 +22,14 @@ constexpr size_t kMaxReasonBytes = 300;
 
 void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& response) {
   response.set_version(VOXELPIPE_VERSION);
-  for (const std::string& name : AvailableBackends()) {
-    const auto backend = SelectBackend(name == "cuda" ? BackendChoice::kCuda : BackendChoice::kCpu);
-    if (!backend.ok()) continue;
+  const std::vector<DeviceReport> devices = state.pool.Devices();
+  for (const DeviceReport& report : devices) {
+    const std::string name(report.backend->name());
+    // Devices of a kind follow one another.
+    if (const auto& known = response.backends(); !known.empty() && known.rbegin()->name() == name) continue;
     v1::BackendInfo* info = response.add_backends();
     info->set_name(name);
-    info->set_simd(std::string((*backend)->simd()));
+    info->set_simd(std::string(report.backend->simd()));
   }
   v1::ServerLimits* limits = response.mutable_limits();
   limits->set_max_file_bytes(state.limits.load.max_file_bytes);
@@ -40,7 +41,7 @@ void DescribeServer(const ServiceState& state, v1::GetServerInfoResponse& respon
   limits->set_max_queue(state.options.max_queue);
   limits->set_max_mesh_store_bytes(state.meshes.max_bytes());
   response.set_threads(uint32_t(state.options.threads > 0 ? state.options.threads : CpuCount()));
-  for (const DeviceReport& report : state.pool.Devices()) {
+  for (const DeviceReport& report : devices) {
     v1::Device* device = response.add_devices();
     device->set_name(std::string(report.backend->device()));
     device->set_backend(std::string(report.backend->name()));

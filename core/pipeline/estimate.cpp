@@ -27,22 +27,28 @@ absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh
 
 }  // namespace
 
-absl::StatusOr<Plan> EstimateVoxelization(const TriangleMesh& mesh, const VoxelizeRequest& request,
-                                          const JobContext& job, const PlanLimits& limits, Delivery delivery) {
+absl::StatusOr<Plan> EstimateVoxelization(const Backend& backend, const TriangleMesh& mesh,
+                                          const VoxelizeRequest& request, const JobContext& job,
+                                          const PlanLimits& limits, Delivery delivery) {
   const absl::StatusOr<BoundRequest> bound = BindRequest(mesh, request);
   if (!bound.ok()) return bound.status();
   if (absl::Status s = CheckStrict(request, WarningsOf(mesh, request)); !s.ok()) return s;
-  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
-  if (!backend.ok()) return backend.status();
   absl::StatusOr<Plan> plan = absl::UnknownError("the run did not start");
-  (*backend)->Run(request.threads, [&] {
+  backend.Run(request.threads, [&] {
     try {
-      plan = PlanInside(**backend, mesh, *bound, job, limits, delivery);
+      plan = PlanInside(backend, mesh, *bound, job, limits, delivery);
     } catch (const std::bad_alloc&) {
       plan = absl::ResourceExhaustedError("out of memory while planning");
     }
   });
   return plan;
+}
+
+absl::StatusOr<Plan> EstimateVoxelization(const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                          const JobContext& job, const PlanLimits& limits, Delivery delivery) {
+  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
+  if (!backend.ok()) return backend.status();
+  return EstimateVoxelization(**backend, mesh, request, job, limits, delivery);
 }
 
 }  // namespace voxelpipe

@@ -177,18 +177,24 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input) {
   return GridTooLarge(input, *grid, result, result ? plan.result_bytes : plan.peak_bytes, 1);
 }
 
-absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
-                                      const MeshExtent& extent, const PlanLimits& limits, Delivery delivery) {
+absl::StatusOr<Plan> PlanVoxelization(const Backend& backend, const VoxelizeRequest& request, uint64_t triangles,
+                                      uint64_t vertices, const MeshExtent& extent, const PlanLimits& limits,
+                                      Delivery delivery) {
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
-  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
-  if (!backend.ok()) return backend.status();
   const MeshSize mesh{triangles, vertices, extent};
   const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
     return EstimateSurface(request, grid, mesh);
   };
-  absl::StatusOr<PlannedRun> run = PlanOn({**backend, request, mesh, measure, limits, delivery});
+  absl::StatusOr<PlannedRun> run = PlanOn({backend, request, mesh, measure, limits, delivery});
   if (!run.ok()) return run.status();
   return std::move(run->plan);
+}
+
+absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
+                                      const MeshExtent& extent, const PlanLimits& limits, Delivery delivery) {
+  const absl::StatusOr<const Backend*> backend = SelectBackend(request.backend);
+  if (!backend.ok()) return backend.status();
+  return PlanVoxelization(**backend, request, triangles, vertices, extent, limits, delivery);
 }
 
 }  // namespace voxelpipe

@@ -39,10 +39,14 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input);
 absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, bool of_results, uint64_t need_bytes,
                           double scale);
 
-// In: a request, the mesh's size and the extent of the shaded mesh, no look at its triangles. Out: the plan of the
-// backend that the request chooses. Errors: those of ValidateRequest and FitGrid; RESOURCE_EXHAUSTED with need, limit
-// and the largest grid of the same mesh that would fit, in its message in the terms in which the grid was asked for
-// (resolution, voxel size or dims), and as numbers (limit_error.h).
+// In: a request, the backend that would run it, the mesh's size and the extent of the shaded mesh, no look at its
+// triangles. Out: the plan of that backend. Errors: those of ValidateRequest and FitGrid; RESOURCE_EXHAUSTED with need,
+// limit and the largest grid of the same mesh that would fit, in its message in the terms in which the grid was asked
+// for (resolution, voxel size or dims), and as numbers (limit_error.h).
+absl::StatusOr<Plan> PlanVoxelization(const Backend& backend, const VoxelizeRequest& request, uint64_t triangles,
+                                      uint64_t vertices, const MeshExtent& extent, const PlanLimits& limits = {},
+                                      Delivery delivery = Delivery::kMemory);
+// The same on the backend of the request's choice.
 absl::StatusOr<Plan> PlanVoxelization(const VoxelizeRequest& request, uint64_t triangles, uint64_t vertices,
                                       const MeshExtent& extent, const PlanLimits& limits = {},
                                       Delivery delivery = Delivery::kMemory);

@@ -42,6 +42,13 @@ absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request)
   return ValidateRequest(request);
 }
 
+void ChooseKinds(const ServiceState& state, BackendChoice asked, const ParsedConfig& config, TaskTraits& traits) {
+  traits.backend = config.request.backend;
+  traits.fallback = state.options.fallback && config.settings.fallback.value_or(asked == BackendChoice::kAuto);
+  // Without a fallback the job stays on one kind, the best.
+  if (traits.backend == BackendChoice::kAuto && !traits.fallback) traits.backend = state.pool.best_kind();
+}
+
 absl::Status TakeUploadBytes(const ServiceState& state, uint64_t so_far, uint64_t bytes, BudgetShare& uploads) {
   const uint64_t limit = state.limits.load.max_file_bytes;
   if (so_far > limit || bytes > limit - so_far) {

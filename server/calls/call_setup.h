@@ -12,7 +12,9 @@
 #include "calls/call_record.h"
 #include "job/request.h"
 #include "schedule/byte_budget.h"
+#include "schedule/task.h"
 #include "state/service_state.h"
+#include "wire/request.h"
 
 namespace voxelpipe {
 
@@ -29,6 +31,10 @@ absl::Status MayBegin(const CallGate::Pass& pass, const CallRecord& record);
 // Sets the operator's choices (threads, backend, instruction set) in a client's request and checks everything that
 // needs no mesh. Errors: INVALID_ARGUMENT naming the field.
 absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request);
+
+// Which kinds of device may run a request after PrepareRequest, into traits.backend and traits.fallback. `asked` is the
+// choice that came with it: where the server made the choice, not the client, another kind of device may run the job.
+void ChooseKinds(const ServiceState& state, BackendChoice asked, const ParsedConfig& config, TaskTraits& traits);
 
 // Charges `uploads` for the next `bytes` of a mesh file of which `so_far` have arrived. RESOURCE_EXHAUSTED if the file
 // becomes too large, with RetryInfo if there are too many uploads at the same time.

@@ -10,7 +10,6 @@
 #include "jobs/request_memory.h"
 #include "load/decode/image.h"
 #include "pipeline/planner.h"
-#include "pipeline/stages/backend.h"
 #include "pipeline/warnings.h"
 #include "reply/raw_message.h"
 #include "wire/mesh_contents.h"
@@ -80,8 +79,12 @@ void EstimateCall::Start(grpc::ByteBuffer& request) {
     return;
   }
   absl::StatusOr<ParsedConfig> config = ParseConfig(request_.config());
+  const BackendChoice asked = config.ok() ? config->request.backend : BackendChoice::kAuto;
   absl::Status status = config.ok() ? PrepareRequest(state_, config->request) : config.status();
-  if (status.ok()) status = SelectBackend(config->request.backend).status();
+  if (status.ok()) {
+    ChooseKinds(state_, asked, *config, kinds_);
+    status = state_.pool.CheckServed(kinds_);
+  }
   if (status.ok() && request_.mesh_case() == v1::EstimateVoxelizationRequest::kMeshId) status = FindKeptMesh();
   if (!status.ok() || (!request_.has_mesh_bytes() && !kept_)) {
     End(status.ok() ? FromSummary(*config) : status);
@@ -121,8 +124,10 @@ absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
   }
   const absl::StatusOr<Box3d> box = ReadBox(request_.summary());
   if (!box.ok()) return box.status();
+  const absl::StatusOr<const Backend*> device = state_.pool.FindDevice(kinds_);
+  if (!device.ok()) return device.status();
   const absl::StatusOr<Plan> plan =
-      PlanVoxelization(config.request, request_.summary().triangles(), request_.summary().vertices(),
+      PlanVoxelization(**device, config.request, request_.summary().triangles(), request_.summary().vertices(),
                        MeshExtent{.box = *box, .held_bytes = 0, .sums = {}}, state_.limits.plan, Delivery::kStream);
   if (!plan.ok()) return plan.status();
   *response_.mutable_plan() = ToMessage(*plan);
@@ -134,7 +139,9 @@ absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   const auto mesh = kept_ ? PrepareKept(state_.meshes, *kept_, {}, config, state_.limits, job_)
                           : PrepareMesh(std::vector<uint8_t>(bytes.begin(), bytes.end()), config, state_.limits, job_);
   if (!mesh.ok()) return mesh.status();
-  const absl::StatusOr<Estimate> estimate = EstimateJob(**mesh, config, state_.limits, job_);
+  const absl::StatusOr<const Backend*> device = state_.pool.FindDevice(kinds_);
+  if (!device.ok()) return device.status();
+  const absl::StatusOr<Estimate> estimate = EstimateJob(**device, **mesh, config, state_.limits, job_);
   if (!estimate.ok()) return estimate.status();
   *response_.mutable_plan() = ToMessage(estimate->plan);
   *response_.mutable_mesh() = ToMessage(estimate->report, (*mesh)->examined);

@@ -11,6 +11,7 @@
 #include "calls/call_record.h"
 #include "calls/react_at_once.h"
 #include "schedule/byte_budget.h"
+#include "schedule/task.h"
 #include "state/service_state.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 
@@ -48,6 +49,7 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   CallRecord record_;
   BudgetShare uploads_;
   JobContext job_;
+  TaskTraits kinds_;  // of device that may run the request
   std::shared_ptr<MemoryBudget> memory_;
   std::mutex mutex_;
   std::shared_ptr<MeshTask> task_;

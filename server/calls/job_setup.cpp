@@ -31,13 +31,9 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
   job.memory = MakeRequestMemory(state.working, job.context);
   job.traits.client = client;
   job.traits.deadline = job.context.deadline();
-  // The server made the choice, not the client: another kind of worker may run the job.
   const BackendChoice asked = job.config.request.backend;
   if (absl::Status s = PrepareRequest(state, job.config.request); !s.ok()) return s;
-  job.traits.backend = job.config.request.backend;
-  job.traits.fallback = state.options.fallback && settings.fallback.value_or(asked == BackendChoice::kAuto);
-  // Without a fallback the job stays on one kind, the best.
-  if (job.traits.backend == BackendChoice::kAuto && !job.traits.fallback) job.traits.backend = state.pool.best_kind();
+  ChooseKinds(state, asked, job.config, job.traits);
   if (absl::Status s = state.pool.CheckServed(job.traits); !s.ok()) return s;
   job.traits.priority = settings.priority;
   job.traits.queue_timeout = settings.queue_timeout;

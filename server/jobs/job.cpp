@@ -128,10 +128,11 @@ JobOutcome OutcomeOf(const PreparedMesh& mesh, VoxelizeResult result, const Plan
   return outcome;
 }
 
-absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
-                                     const JobContext& job) {
+absl::StatusOr<Estimate> EstimateJob(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,
+                                     const JobLimits& limits, const JobContext& job) {
   return Guarded<Estimate>([&]() -> absl::StatusOr<Estimate> {
-    absl::StatusOr<Plan> plan = EstimateVoxelization(*mesh.mesh, config.request, job, limits.plan, Delivery::kStream);
+    absl::StatusOr<Plan> plan =
+        EstimateVoxelization(backend, *mesh.mesh, config.request, job, limits.plan, Delivery::kStream);
     if (!plan.ok()) return plan.status();
     return Estimate{*std::move(plan), mesh.report};
   });

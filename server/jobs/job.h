@@ -76,9 +76,9 @@ struct Estimate {
   MeshReport report;
 };
 
-// In: a prepared mesh and a config. Out: the plan of RunPrepared with a sink, without rasterizing. Errors as for
-// RunPrepared.
-absl::StatusOr<Estimate> EstimateJob(const PreparedMesh& mesh, const ParsedConfig& config, const JobLimits& limits,
-                                     const JobContext& job);
+// In: a prepared mesh and a config. Out: the plan of RunPrepared on `backend` with a sink, without rasterizing. Errors
+// as for RunPrepared.
+absl::StatusOr<Estimate> EstimateJob(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,
+                                     const JobLimits& limits, const JobContext& job);
 
 }  // namespace voxelpipe

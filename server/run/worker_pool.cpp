@@ -13,7 +13,6 @@
 #include "base/threads.h"
 #include "observe/log.h"
 #include "observe/metrics.h"
-#include "pipeline/stages/backend.h"
 #include "run/worker_pool_state.h"
 #include "wire/status.h"
 
@@ -364,7 +363,9 @@ absl::Status WorkerPool::CheckServed(const TaskTraits& task) const {
   std::vector<ServingDevice> all;
   for (const auto& device : devices_) all.push_back({device->traits, size_t(device->workers)});
   if (!AnyMayHave(task, all)) {
-    if (const auto missing = SelectBackend(task.backend); !missing.ok()) return missing.status();
+    if (task.backend == BackendChoice::kCuda && !options_.why_no_gpu.empty()) {
+      return absl::FailedPreconditionError(options_.why_no_gpu);
+    }
     return absl::FailedPreconditionError(
         absl::StrCat("backend: this server has no ", KindName(task.backend), " worker"));
   }
@@ -380,6 +381,22 @@ absl::Status WorkerPool::CheckServed(const TaskTraits& task) const {
   }
   return NotServingError(absl::StrCat("no device that may run this serves now: ", absl::StrJoin(reasons, "; ")),
                          std::max(delay, kMinRetryDelay));
+}
+
+absl::StatusOr<const Backend*> WorkerPool::FindDevice(const TaskTraits& task) const {
+  std::vector<ServingDevice> serving;
+  std::vector<const Backend*> backends;
+  for (const auto& device : devices_) {
+    const std::lock_guard lock(device->mutex);
+    if (!device->health.serving()) continue;
+    serving.push_back({device->traits, size_t(device->workers)});
+    backends.push_back(&device->backend);
+  }
+  for (size_t i = 0; i < serving.size(); ++i) {
+    if (MayHave(task, serving[i].traits, serving)) return backends[i];
+  }
+  absl::Status why = CheckServed(task);
+  return why.ok() ? NotServingError("a device just began to serve again", kMinRetryDelay) : why;
 }
 
 std::vector<DeviceReport> WorkerPool::Devices() const {

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "pipeline/stages/stages.h"
 #include "run/device_health.h"
 #include "run/device_run.h"
@@ -38,7 +39,9 @@ struct WorkerPoolOptions {
   // never.
   std::chrono::milliseconds stall{30'000};
   Metrics* metrics = nullptr;  // must outlive the pool
-  int spare_loaders = 0;       // extra threads for clients that would wait for loads of others (Scheduler::TakeLoad)
+  // Why there is no GPU, for clients that ask for one; empty: the operator chose none.
+  std::string why_no_gpu = {};
+  int spare_loaders = 0;  // extra threads for clients that would wait for loads of others (Scheduler::TakeLoad)
 };
 
 // The state of a device in the pool.
@@ -67,6 +70,10 @@ class WorkerPool {
   // with the time to the next probe if none serves now.
   absl::Status CheckServed(const TaskTraits& task) const;
 
+  // The best device that serves and may run such a task. Errors: those of CheckServed.
+  absl::StatusOr<const Backend*> FindDevice(const TaskTraits& task) const;
+
+  // Best first.
   std::vector<DeviceReport> Devices() const;
   // Of the first of its devices.
   BackendChoice best_kind() const;

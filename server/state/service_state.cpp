@@ -89,6 +89,16 @@ WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics* metrics) {
       std::chrono::milliseconds(std::max(resolved.probe_interval_ms, resolved.max_probe_interval_ms));
   pool.stall = std::chrono::milliseconds(resolved.device_stall_ms);
   pool.metrics = metrics;
+  // Without GPUs none is looked for, as that starts it.
+  if (resolved.backend == BackendChoice::kCpu || resolved.gpus == "none") {
+    if (resolved.backend != BackendChoice::kCuda || resolved.fallback) {
+      pool.devices.push_back({*SelectBackend(BackendChoice::kCpu), resolved.cpu_workers});
+    }
+    return pool;
+  }
+  if (const auto gpu = SelectBackend(BackendChoice::kCuda); !gpu.ok()) {
+    pool.why_no_gpu = std::string(gpu.status().message());
+  }
   const std::vector<std::string> chosen = ChosenGpus(resolved.gpus);
   for (const Backend* device : Devices()) {
     if (device->name() == "cpu") {
@@ -97,7 +107,6 @@ WorkerPoolOptions WorkersOf(const ServerOptions& resolved, Metrics* metrics) {
       pool.devices.push_back({device, resolved.cpu_workers});
       continue;
     }
-    if (resolved.backend == BackendChoice::kCpu || resolved.gpus == "none") continue;
     if (!chosen.empty() && std::find(chosen.begin(), chosen.end(), device->device()) == chosen.end()) continue;
     pool.devices.push_back({device, resolved.gpu_streams});
   }
@@ -143,7 +152,9 @@ std::unique_ptr<Metrics::Sampler> SampleQueue(const Scheduler& scheduler, Metric
 }
 
 absl::Status CheckDevices(const ServerOptions& resolved) {
-  if (const auto backend = SelectBackend(resolved.backend); !backend.ok()) return backend.status();
+  if (resolved.backend == BackendChoice::kCuda && resolved.gpus != "none") {
+    if (const auto backend = SelectBackend(resolved.backend); !backend.ok()) return backend.status();
+  }
   const std::vector<DeviceWorkers> devices = WorkersOf(resolved).devices;
   const auto is_there = [&](const auto& what) {
     return std::any_of(devices.begin(), devices.end(),

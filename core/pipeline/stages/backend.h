@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -10,9 +9,6 @@
 #include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
-
-// Names of the backends that can run here, best first.
-std::vector<std::string> AvailableBackends();
 
 // Every device of this machine that was found, best first: GPUs, then the CPU. They live as long as the process.
 std::vector<const Backend*> Devices();

@@ -128,6 +128,46 @@ class DeviceFaultTest : public ::testing::Test {
     EXPECT_EQ(answer.summary.stats().attempts(), attempts);
   }
 
+  // What an estimate gives for the mesh's bytes, or for no more than its summary.
+  absl::Status Estimate(const v1::VoxelizeConfig& config, bool with_mesh, v1::EstimateVoxelizationResponse& response) {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    v1::EstimateVoxelizationRequest request;
+    *request.mutable_config() = config;
+    if (with_mesh) {
+      request.set_mesh_bytes(glb_.data(), glb_.size());
+    } else {
+      request.mutable_summary()->set_triangles(12);
+      request.mutable_summary()->set_vertices(8);
+      request.mutable_summary()->mutable_max()->set_x(1);
+    }
+    return FromGrpcStatus(stub_->EstimateVoxelization(&context, request, &response));
+  }
+  void ExpectPlans(const v1::VoxelizeConfig& config, const std::string& backend) {
+    for (const bool with_mesh : {true, false}) {
+      v1::EstimateVoxelizationResponse response;
+      const absl::Status status = Estimate(config, with_mesh, response);
+      EXPECT_TRUE(status.ok()) << status;
+      EXPECT_EQ(response.plan().backend(), backend) << with_mesh;
+    }
+  }
+  void ExpectNoPlan(const v1::VoxelizeConfig& config, absl::StatusCode code) {
+    for (const bool with_mesh : {true, false}) {
+      v1::EstimateVoxelizationResponse response;
+      const absl::Status status = Estimate(config, with_mesh, response);
+      EXPECT_EQ(status.code(), code) << status;
+    }
+  }
+  std::vector<std::string> Backends() {
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    v1::GetServerInfoResponse response;
+    EXPECT_TRUE(stub_->GetServerInfo(&context, {}, &response).ok());
+    std::vector<std::string> names;
+    for (const v1::BackendInfo& backend : response.backends()) names.push_back(backend.name());
+    return names;
+  }
+
   HealthCheckResponse::ServingStatus Health(const std::string& name) {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
@@ -238,6 +278,26 @@ TEST_F(DeviceFaultTest, AGpuThatIsNotUsedIsAPrecondition) {
   const Answer answer = Ask(Config(v1::BACKEND_CUDA, /*fallback=*/false));
   EXPECT_EQ(answer.status.code(), absl::StatusCode::kFailedPrecondition) << answer.status;
   ExpectRight(Ask(Config()), "cpu", 1);
+}
+
+// An estimate takes a device of the pool that serves: whatever starts on another fails here.
+TEST_F(DeviceFaultTest, EstimatesAndTheServersBackendsKnowWhichGpusAreUsed) {
+  Fault("kind=error stage=start runs=-1");
+  ASSERT_NO_FATAL_FAILURE(Start({"--gpus", "none"}));
+  ExpectPlans(Config(v1::BACKEND_AUTO), "cpu");
+  ExpectNoPlan(Config(v1::BACKEND_CUDA, /*fallback=*/false), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(Backends(), ::testing::ElementsAre("cpu"));
+}
+
+TEST_F(DeviceFaultTest, EstimatesKnowThatADeviceIsInQuarantine) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  ExpectPlans(Config(v1::BACKEND_AUTO), "cuda");
+  Fault("kind=lost stage=fine_raster runs=1 probes=1000000");
+  ExpectRight(Ask(Config()), "cpu", 2);
+  Fault("kind=error stage=start runs=-1 probes=1000000");
+  ExpectPlans(Config(v1::BACKEND_AUTO), "cpu");
+  ExpectNoPlan(Config(v1::BACKEND_CUDA, /*fallback=*/false), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(Backends(), ::testing::ElementsAre("cuda", "cpu")) << "it may come back";
 }
 
 TEST_F(DeviceFaultTest, OutOfMemoryIsNotTheEndOfTheDevice) {
