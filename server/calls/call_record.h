@@ -29,6 +29,9 @@ std::string PeerOf(const ServiceState& state, const grpc::ServerContextBase& con
 // Created when a call starts, on gRPC's thread. The call guards members that change.
 class CallRecord {
  public:
+  // The value of a metadata key of a call.
+  static std::optional<std::string_view> Metadata(const grpc::CallbackServerContext& context, const char* name);
+
   // Checks AccessControl, and sets the metadata `x-request-id` of the response: the caller's own if it is valid,
   // otherwise a new one.
   CallRecord(ServiceState& state, grpc::CallbackServerContext& context, Rpc called);
@@ -64,8 +67,6 @@ class CallRecord {
   LogFields facts;                       // further fields
 
  private:
-  // The value of a metadata key of the call.
-  static std::optional<std::string_view> Metadata(const grpc::CallbackServerContext& context, const char* name);
   static std::string IdOf(const grpc::CallbackServerContext& context);
   static std::optional<TraceContext> TraceOf(const grpc::CallbackServerContext& context);
 

@@ -1,6 +1,7 @@
 #include "calls/result_call.h"
 
 #include <algorithm>
+#include <new>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -31,7 +32,9 @@ ResultCall::ResultCall(ServiceState& state, grpc::CallbackServerContext& grpc_co
       pass_(state.gate),
       context_(grpc_context),
       record_(state, grpc_context, rpc),
-      small_result_(small_result),
+      make_export_(
+          state.exports.Take(std::string(CallRecord::Metadata(grpc_context, ResultExports::kKey).value_or("")))),
+      small_result_(make_export_ ? SmallResult::kInPieces : small_result),
       uploads_(state.uploads),
       working_(state.working) {
   SetDeadline(grpc_context, context);
@@ -54,6 +57,13 @@ absl::Status ResultCall::TakeConfig(const v1::VoxelizeConfig& message) {
   if (configured_) return absl::InvalidArgumentError("config: only the first message may be one");
   configured_ = true;
   if (absl::Status s = ConfigureJob(state_, message, record_.client, *this); !s.ok()) return s;
+  if (make_export_) {
+    absl::StatusOr<std::unique_ptr<ResultExport>> made = make_export_(config, context);
+    if (!made.ok()) return made.status();
+    exported = *std::move(made);
+    config.settings.content_hash = false;  // no bytes are sent
+    Weigh();
+  }
   return state_.results.Admit(*this);  // before the upload of the mesh
 }
 
@@ -87,6 +97,8 @@ void ResultCall::SubmitJob() {
 }
 
 absl::Status ResultCall::Planned(const Plan& plan, bool may_wait) {
+  // The others of a batch would wait for its export.
+  if (exported && !may_wait) return absl::AbortedError("an exported result is made alone");
   uploads_.ShrinkTo(0);  // the file was freed after loading
   working_.ShrinkTo(0);  // of a failed worker
   if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
@@ -126,9 +138,13 @@ void ResultCall::Done(absl::StatusOr<JobOutcome> outcome) {
     outcome->result = std::move(gathered);
     outcome->streamed = false;
   }
+  if (outcome.ok() && exported) {
+    if (absl::Status s = Export(*outcome); !s.ok()) outcome = std::move(s);
+  }
   CountJob(state_.metrics, outcome);
   mesh.reset();
   kept.reset();
+  exported.reset();
   if (!outcome.ok()) {
     {
       const std::lock_guard lock(mutex_);
@@ -148,13 +164,38 @@ void ResultCall::Done(absl::StatusOr<JobOutcome> outcome) {
     const std::lock_guard lock(mutex_);
     submitted_ = false;
     pending_.push_back(std::move(summary));
-    record_.bytes_out = pieces_made().sent_bytes();
-    record_.raw_bytes_out = pieces_made().bytes();
+    record_.bytes_out = exported_bytes_ + pieces_made().sent_bytes();
+    record_.raw_bytes_out = exported_bytes_ + pieces_made().bytes();
     record_.facts = Facts(*outcome);
     last_is_pending_ = true;
     if (end_) FreeLocked();
   }
   Pump();
+}
+
+absl::Status ResultCall::Export(JobOutcome& outcome) {
+  mesh.reset();
+  kept.reset();
+  // Writers may wait for memory as loading may, which TakeMemory has ended for the budget of the run.
+  const std::shared_ptr<MemoryBudget> of_run = std::exchange(memory, MakeRequestMemory(state_.working, context));
+  memory->set_leave(0);  // it ends soon
+  MemoryCharge result(memory.get());
+  working_.ShrinkTo(0);
+  absl::Status status = context.Check();
+  if (status.ok() && !outcome.streamed) status = result.Grow(outcome.result.bytes(), "the result of a file:");
+  if (status.ok()) {
+    absl::StatusOr<uint64_t> bytes = absl::ResourceExhaustedError("out of memory for the file of the result");
+    try {
+      bytes = exported->Close(outcome);
+    } catch (const std::bad_alloc&) {
+    }
+    status = bytes.status();
+    exported_bytes_ = bytes.value_or(0);
+  }
+  exported.reset();  // its charges are of these budgets
+  static_cast<ResultArrays&>(outcome.result) = {};
+  outcome.streamed = true;
+  return status;
 }
 
 void ResultCall::Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached) {

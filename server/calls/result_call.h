@@ -31,7 +31,8 @@ namespace voxelpipe {
 // A derived class is the reactor of the call: it takes the request, and forwards gRPC's events to WriteDone, Cancelled
 // and Ended. gRPC's threads never wait here; workers call the functions of VoxelizeJob and ResultSink. A result in
 // memory is sent without the worker and without a copy; a result streamed slab by slab is sent by the worker, which
-// waits for the client to read it. The object lives until gRPC is done with the call and the worker with the job.
+// waits for the client to read it; an exported one (ResultExports) is written by the worker, and its call has the plan,
+// progress and the summary. The object lives until gRPC is done with the call and the worker with the job.
 class ResultCall : protected VoxelizeJob, private ResultSink {
  protected:
   // How a result of at most kWholeBytes is sent.
@@ -80,13 +81,15 @@ class ResultCall : protected VoxelizeJob, private ResultSink {
   // Sends the plan to the client, once.
   void PlanShared(const Plan& plan) override;
   void DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) override;
-  ResultSink* large_results() override { return this; }
+  ResultSink* large_results() override { return exported ? &exported->sink() : this; }
   void Done(absl::StatusOr<JobOutcome> outcome) override;
   absl::Status Begin(const ResultHeader& header) override;
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override;
   absl::Status WaitForRoom(size_t bytes);
   void OnProgress(std::string_view stage, double fraction);
   ResultPieces& pieces_made();
+  // Hands the result to `exported`, which ends: only the summary remains for the call.
+  absl::Status Export(JobOutcome& outcome);
 
   // Sends a result in memory.
   void Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached);
@@ -101,6 +104,7 @@ class ResultCall : protected VoxelizeJob, private ResultSink {
   // Frees everything that only a running job needs. With mutex_ held.
   void FreeLocked();
 
+  MakeExport make_export_;  // null: the result goes to the caller
   const SmallResult small_result_;
   BudgetShare uploads_, working_;
   bool planned_ = false;
@@ -108,7 +112,8 @@ class ResultCall : protected VoxelizeJob, private ResultSink {
   std::chrono::steady_clock::time_point last_progress_;
   std::optional<Plan> plan_;  // not sent yet: it is sent with the result
 
-  // A streamed result: accessed only by the worker.
+  // A streamed or exported result: accessed only by the worker.
+  uint64_t exported_bytes_ = 0;
   std::optional<ResultPieces> pieces_made_;
   MemorySink gathered_;  // slabs of a result that is sent in one message
 

@@ -69,6 +69,7 @@ void VoxelizeJob::Weigh() {
   }
   traits.cost = PredictCost(config.request, facts);
   if (kept) traits.cost.load_ms = 0;
+  if (exported) traits.cost.run_ms += PredictExportMs(traits.cost);
   // Beyond the limits it is refused as soon as its grid is known. Until then it counts as a giant, but not as more work
   // than all others together, so that it gets the error of the limit and not that of a long queue.
   if (limits != nullptr && traits.cost.output_bytes > limits->plan.max_result_bytes) {

@@ -11,6 +11,7 @@
 #include "job/result.h"
 #include "job/resuming_sink.h"
 #include "jobs/job.h"
+#include "jobs/result_export.h"
 #include "load/costly_parts.h"
 #include "meshes/mesh_store.h"
 #include "pipeline/voxelize.h"
@@ -39,6 +40,7 @@ class VoxelizeJob : public Task {
   std::deque<std::string> pieces;        // of the mesh file, or of the stored mesh's new positions; freed after loading
   std::shared_ptr<MemoryBudget> memory;  // of the request (MakeRequestMemory); null: that of the process
   std::shared_ptr<const PreparedMesh> mesh;  // made from these; keeps `memory` alive
+  std::unique_ptr<ResultExport> exported;    // takes the result in place of the call; null: the call does
   uint32_t attempts = 0;                     // device workers that tried it
   bool planned = false;                      // Planned was OK
   ResumingSink resumed;                      // before large_results(): drops what was already delivered
@@ -49,7 +51,7 @@ class VoxelizeJob : public Task {
   // is already charged.
   virtual absl::Status Planned(const Plan& plan, bool may_wait) = 0;
   // The sink of dense results of more than one slab, slab by slab; null: they are refused with RESOURCE_EXHAUSTED
-  // beyond the memory limit.
+  // beyond the memory limit. That of `exported` if there is one.
   virtual ResultSink* large_results() = 0;
   // Called at the end, exactly once, from any thread, unless the job was withdrawn.
   virtual void Done(absl::StatusOr<JobOutcome> outcome) = 0;

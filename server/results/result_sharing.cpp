@@ -261,7 +261,7 @@ bool ResultSharing::Withdraw(VoxelizeJob& job) {
 
 std::string RequestKey(const VoxelizeJob& job) {
   const ParsedConfig& config = job.config;
-  if (!job.kept || config.new_positions || config.settings.queue_timeout) return {};
+  if (!job.kept || config.new_positions || config.settings.queue_timeout || job.exported) return {};
   CallSettings settings = config.settings;
   settings.compression = Compression::kNone;  // of the pieces, which each call makes for itself
   settings.content_hash = true;

@@ -23,7 +23,8 @@ namespace voxelpipe {
 // Between the calls and the scheduler. Jobs are equal if they have the same request for the same stored mesh
 // (RequestKey); DoneShared gives them the same object. A waiting run has the best queue position, priority and deadline
 // of all its jobs; if the queue refuses the first job, only that one fails. Other jobs are not shared: those with a
-// file or new positions, those with a queue time-out of their own, and those whose result is not in memory as a whole.
+// file or new positions, those with a queue time-out of their own, those whose result is not in memory as a whole, and
+// those whose result is exported.
 // Thread-safe; calls the jobs without locks.
 class ResultSharing {
  public:

@@ -20,6 +20,7 @@ constexpr double kRecordNs = 40;         // A-buffer: emit, sort, resolve
 constexpr double kByteNs = 0.2;          // clear, write and encode results, including fresh pages
 constexpr double kParityNs = 0.06;       // a voxel
 constexpr double kFloodNs = 1.5;         // a voxel
+constexpr double kExportByteNs = 10;     // a byte of the result in a compressed or drawn file
 
 constexpr double kPlainByteLoadNs = 2.5;  // GLB: parse, flatten
 constexpr double kTextByteLoadNs = 6;     // glTF with data URIs, OBJ, OFF
@@ -103,6 +104,10 @@ JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
                                                        : kPlainByteLoadNs);
   }
   return cost;
+}
+
+double PredictExportMs(const JobCost& cost) {
+  return double(cost.output_bytes) * kExportByteNs * kNs;
 }
 
 namespace {

@@ -26,6 +26,9 @@ struct MeshFacts {
 // corrects them. Checks nothing: a request that cannot be run has a cost too.
 JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh);
 
+// Milliseconds of writing the result of such a job as a file: formats compress, draw or list its voxels.
+double PredictExportMs(const JobCost& cost);
+
 // Size classes of jobs; jobs of a class are scheduled together.
 enum class SizeClass : uint8_t { kSmall, kMedium, kGiant };
 inline constexpr size_t kSizeClasses = 3;

@@ -11,6 +11,7 @@
 #include "access/forwarded_peer.h"
 #include "isolate/load_workers.h"
 #include "jobs/job.h"
+#include "jobs/result_export.h"
 #include "meshes/mesh_store.h"
 #include "observe/metrics.h"
 #include "options/options.h"
@@ -72,6 +73,7 @@ struct ServiceState {
   Metrics metrics;
   std::unique_ptr<AccessControl> access;  // set before the first call
   const ForwardedPeers peers;
+  ResultExports exports;         // that the port for browsers offers to its calls
   ByteBudget uploads;            // mesh files being received or waiting
   ByteBudget working;            // predicted peaks of running jobs, results being sent
   MeshStore meshes;              // uploaded and stored

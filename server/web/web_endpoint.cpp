@@ -115,10 +115,7 @@ absl::StatusOr<std::unique_ptr<WebEndpoint>> WebEndpoint::Start(ServiceState& st
     close(socket->descriptor);
     return absl::UnavailableError(absl::StrCat("cannot serve on ", options.web_listen));
   }
-  endpoint->watch_ = std::make_unique<Periodic>(kWatchInterval, [it = endpoint.get()] {
-    it->CloseSlowHeads();
-    it->web_.watches.Look();
-  });
+  endpoint->watch_ = std::make_unique<Periodic>(kWatchInterval, [it = endpoint.get()] { it->CloseSlowHeads(); });
   return endpoint;
 }
 

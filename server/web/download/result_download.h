@@ -14,15 +14,11 @@
 
 namespace voxelpipe {
 
-// The body is a VoxelizeMeshRequest without compression. Its call runs like any other; its result goes to the writer of
-// the format (encode/format_registry.h), which makes the file in a folder of its own below the system's folder for
-// temporary files. The response begins when the file is complete. Several files of a result (.raw with its description,
-// a file a target, a directory) become one .zip. On the connection's thread.
+// The body is a VoxelizeMeshRequest without compression. Its call runs like any other; its job hands the result to the
+// writer of the format (file_export.h), which makes the file in a folder of its own below the system's folder for
+// temporary files. The response begins when the file is complete. On the connection's thread, which only waits.
 class ResultDownload {
  public:
-  // At the same time; further requests get RESOURCE_EXHAUSTED with RetryInfo.
-  static constexpr int kMaxRuns = 8;
-
   // `web` must outlive the object, and the object the response.
   explicit ResultDownload(WebContext& web);
   ~ResultDownload();

@@ -7,13 +7,18 @@
 namespace voxelpipe {
 namespace {
 
-// How often the client's socket is looked at while gRPC works.
+// How often the client's socket is looked at while gRPC works, and whether the call may go on.
 constexpr std::chrono::milliseconds kLookInterval{50};
 
 }  // namespace
 
-BridgeCall::BridgeCall(const std::shared_ptr<grpc::Channel>& channel, const Setup& setup, grpc::ByteBuffer request)
-    : client_(setup.client), stub_(channel), request_(std::move(request)) {
+BridgeCall::BridgeCall(const std::shared_ptr<grpc::Channel>& channel, const Setup& setup, grpc::ByteBuffer request,
+                       std::function<bool()> may_go_on)
+    : client_(setup.client),
+      may_go_on_(std::move(may_go_on)),
+      next_look_(std::chrono::system_clock::now() + kLookInterval),
+      stub_(channel),
+      request_(std::move(request)) {
   for (const auto& [key, value] : setup.metadata) context_.AddMetadata(key, value);
   if (setup.timeout) {
     context_.set_deadline(std::chrono::system_clock::now() +
@@ -43,11 +48,14 @@ bool BridgeCall::WaitFor(Step step) {
   while (states_[step] == State::kBusy && !gone_) {
     void* tag = nullptr;
     bool ok = false;
-    const auto until = std::chrono::system_clock::now() + kLookInterval;
-    if (queue_.AsyncNext(&tag, &ok, until) == grpc::CompletionQueue::GOT_EVENT) {
+    if (queue_.AsyncNext(&tag, &ok, next_look_) == grpc::CompletionQueue::GOT_EVENT) {
       *static_cast<State*>(tag) = ok ? State::kGood : State::kBad;
       if (tag == &states_[kWrite]) request_.Clear();  // the service has it now
-    } else if (HasHungUp(client_)) {
+    }
+    const auto now = std::chrono::system_clock::now();
+    if (now < next_look_) continue;
+    next_look_ = now + kLookInterval;
+    if (HasHungUp(client_) || (may_go_on_ && !may_go_on_())) {
       gone_ = true;
       context_.TryCancel();
     }

@@ -4,6 +4,7 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -36,21 +37,24 @@ class BridgeCall {
     int client = -1;  // the socket: if it closes, the call is cancelled
   };
 
-  // Starts the call.
-  BridgeCall(const std::shared_ptr<grpc::Channel>& channel, const Setup& setup, grpc::ByteBuffer request);
+  // Starts the call. `may_go_on`, if given, is asked several times a second while a function waits; false cancels the
+  // call.
+  BridgeCall(const std::shared_ptr<grpc::Channel>& channel, const Setup& setup, grpc::ByteBuffer request,
+             std::function<bool()> may_go_on = nullptr);
   ~BridgeCall();
   BridgeCall(const BridgeCall&) = delete;
   BridgeCall& operator=(const BridgeCall&) = delete;
 
-  // Waits for the metadata that begin the response, or the end of the call. False if the client is gone.
+  // Waits for the metadata that begin the response, or the end of the call. False if the call was cancelled here: its
+  // client is gone, or it may not go on.
   bool WaitForMetadata();
   // The metadata `key` of those; empty if it is absent. After WaitForMetadata.
   std::string Metadata(const std::string& key) const;
-  // Waits for the next message. False after the last one, or if the client is gone.
+  // Waits for the next message. False after the last one, or if the call was cancelled here.
   bool Next(grpc::ByteBuffer& message);
-  // Waits for the end of the call, after Next returned false. CANCELLED if the client is gone.
+  // Waits for the end of the call, after Next returned false. CANCELLED if the call was cancelled here.
   grpc::Status Finish();
-  // True if the client closed its connection while this waited.
+  // True if the client closed its connection while this waited, or the call was not to go on.
   bool is_gone() const { return gone_; }
 
  private:
@@ -60,10 +64,12 @@ class BridgeCall {
 
   // The tag of a step that begins now.
   void* Begin(Step step);
-  // Waits until gRPC has done the step. False if the client is gone.
+  // Waits until gRPC has done the step. False if the call was cancelled here.
   bool WaitFor(Step step);
 
   const int client_;
+  const std::function<bool()> may_go_on_;
+  std::chrono::system_clock::time_point next_look_;
   grpc::ClientContext context_;
   grpc::CompletionQueue queue_;
   grpc::GenericStub stub_;

@@ -1,16 +1,21 @@
 // POST /file: results as files, equal to those of the command line.
 #include <algorithm>
+#include <chrono>
+#include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <grpcpp/support/status.h>
 
+#include "encode/format_registry.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "service/support/process_facts.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/web_fixture.h"
@@ -20,7 +25,9 @@ namespace voxelpipe::testing {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::AnyOf;
 using ::testing::HasSubstr;
+using ::testing::IsSupersetOf;
 
 std::string Contents(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
@@ -189,6 +196,68 @@ TEST_F(FileTest, AClientThatHangsUpEndsItsFile) {
   }
   EXPECT_TRUE(BecomesTrue([&] { return Sample("voxelpipe_running_jobs") == 0; }));
   EXPECT_TRUE(NothingIsLeft());
+}
+
+// A few voxels in a grid of 2048^3: what a file takes must follow the result, not the grid.
+VoxelizeRequest FewVoxelsOfMany() {
+  VoxelizeRequest request;
+  request.grid.dims = {{2048, 2048, 2048}};
+  request.grid.voxel_size = Vec3d{1, 1, 1};
+  request.result = ResultKind::kSparse;
+  return request;
+}
+
+TEST_F(FileTest, EveryFormatStaysWithinTheServersMemory) {
+  constexpr uint64_t kLimitBytes = 320 << 20, kSlackBytes = 48 << 20;
+  ASSERT_NO_FATAL_FAILURE(Start({"--max-working-bytes", std::to_string(kLimitBytes)}));
+  EXPECT_EQ(FileOf("npz", SmallRequest()).code, 200);
+  const uint64_t before_bytes = ReadProcessFacts(server_->pid()).resident_bytes;
+  std::vector<std::string> made;
+  for (const OutputFormat& format : OutputFormats()) {
+    if (!format.sparse) continue;
+    const HttpReply reply = FileOf(std::string(format.name), FewVoxelsOfMany());
+    EXPECT_THAT(reply.code, AnyOf(200, 429)) << format.name << ": " << reply.body;
+    if (reply.code == 200) made.emplace_back(format.name);
+    const uint64_t peak_bytes = ReadProcessFacts(server_->pid()).peak_bytes;
+    if (!IsSanitized(server_->pid())) {
+      EXPECT_LE(peak_bytes, before_bytes + kLimitBytes + kSlackBytes) << format.name;
+    }
+  }
+  EXPECT_THAT(made, IsSupersetOf({"npz", "ply", "glb", "vox", "png"}));
+  EXPECT_EQ(Sample("voxelpipe_memory_bytes{budget=\"working\"}"), 0);
+  EXPECT_TRUE(NothingIsLeft());
+}
+
+TEST_F(FileTest, EveryFormatEndsWithItsClientAtTenMoments) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  VoxelizeRequest request = SmallRequest();
+  request.grid.resolution = 192;
+  const std::string message = Message(torus_, request).SerializeAsString();
+  constexpr std::chrono::milliseconds kStep{8};
+  for (const OutputFormat& format : OutputFormats()) {
+    for (int moment = 0; moment < 10; ++moment) {
+      const WebConnection connection(web_);
+      ASSERT_TRUE(connection.Send(HttpRequest(web_, "POST", "/file?format=" + std::string(format.name),
+                                              {{"Content-Type", "application/x-protobuf"}}, message)));
+      std::this_thread::sleep_for(moment * kStep);
+    }
+    EXPECT_TRUE(BecomesTrue([&] {
+      return Sample("voxelpipe_running_jobs") == 0 && Sample("voxelpipe_memory_bytes{budget=\"working\"}") == 0;
+    })) << format.name;
+    EXPECT_TRUE(NothingIsLeft()) << format.name;
+  }
+  EXPECT_EQ(FileOf("npz", request).code, 200);
+}
+
+TEST_F(FileTest, IsMadeByTheJobOfTheCall) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  VoxelizeRequest request = SmallRequest();
+  request.grid.resolution = 64;
+  const HttpReply reply = FileOf("npy", request);
+  ASSERT_EQ(reply.code, 200) << reply.body;
+  EXPECT_EQ(Sample("voxelpipe_jobs_total{code=\"OK\"}"), 1);
+  EXPECT_GE(Sample("voxelpipe_sent_bytes_total"), double(reply.body.size()));
+  EXPECT_LT(Sample("voxelpipe_sent_bytes_total"), double(reply.body.size()) + 10'000) << "no pieces beside the file";
 }
 
 }  // namespace
