@@ -10,9 +10,16 @@ const TRAILERS = 128;
 
 export class CallError extends Error {
   constructor(code, message) {
-    super(code === UNAUTHENTICATED ? 'The server asks for a token, or does not know this one.' : message);
+    super(message);
     this.needsToken = code === UNAUTHENTICATED;
   }
+}
+
+// /facts.json. Throws a CallError.
+export async function readFacts() {
+  const response = await fetch('/facts.json');
+  if (!response.ok) throw await errorOf(response);
+  return response.json();
 }
 
 export class Server {
@@ -34,10 +41,7 @@ export class Server {
       headers: {...this.#headers(), 'content-type': 'application/grpc-web+proto', 'x-grpc-web': '1'},
       body: new Blob([head, bytes]),
     });
-    if (!response.ok) {
-      const text = (await response.text()).trim();
-      throw new CallError(null, text || `the server refused the call: HTTP ${response.status}`);
-    }
+    if (!response.ok) throw await errorOf(response);
     check(response.headers.get('grpc-status'), response.headers.get('grpc-message'));
     let trailers;
     for await (const [flags, frame] of framesOf(response.body)) {
@@ -66,19 +70,21 @@ export class Server {
       const name = /filename="([^"]*)"/.exec(response.headers.get('content-disposition') ?? '')?.[1];
       return {blob: await response.blob(), name: name ?? 'result'};
     }
-    const text = await response.text();
-    let said = {};
-    try {
-      said = JSON.parse(text);
-    } catch {
-      said.message = text; // of a proxy
-    }
-    throw new CallError(response.status === 401 ? UNAUTHENTICATED : null, said.message || `HTTP ${response.status}`);
+    throw await errorOf(response);
   }
 
   #headers() {
     return this.token() ? {authorization: `Bearer ${this.token()}`} : {};
   }
+}
+
+// The error of a response that is none of a call: the server's own are a text with the gRPC status in the headers. What
+// a proxy says is a page for itself.
+async function errorOf(response) {
+  const status = response.headers.get('grpc-status') ?? (response.status === 401 ? UNAUTHENTICATED : null);
+  const type = response.headers.get('content-type') ?? '';
+  const text = type.startsWith('text/plain') ? (await response.text()).trim() : '';
+  return new CallError(Number(status), text || `the server refused the request: HTTP ${response.status}`);
 }
 
 function headersOf(bytes) {
@@ -90,7 +96,16 @@ function headersOf(bytes) {
 
 function check(status, message) {
   if (!status || status === '0') return;
-  throw new CallError(Number(status), decodeURIComponent(message ?? '') || `status ${status}`);
+  throw new CallError(Number(status), unescaped(message ?? '') || `status ${status}`);
+}
+
+// PROTOCOL-HTTP2.md, Percent-Encoded: what is not valid stays as it is.
+function unescaped(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return text;
+  }
 }
 
 async function* framesOf(stream) {

@@ -1,10 +1,13 @@
 // The server's page: a mesh, a request, progress, the voxels, and files of them.
-import {Server} from './client.js';
+import {readFacts, Server} from './client.js';
 
 const $ = (id) => document.getElementById(id);
 const COLOURS = new Set(['base_color', 'emissive', 'color']);
 const FRAGMENT = 2; // SHADER_STAGE_FRAGMENT
-const FACTS = await (await fetch('/facts.json')).json();
+const FACTS = await readFacts().catch((error) => {
+  say(error);
+  throw error;
+});
 const server = new Server(FACTS, () => $('token').value.trim());
 const ESTIMATE_LIMIT_BYTES = 4 << 20; // larger meshes are sent for the result alone
 

@@ -39,6 +39,10 @@ try {
     await page.waitForFunction(() => document.getElementById('error').textContent !== '', {timeout: 30_000});
     seen.without_token = await text('error');
     seen.token_focused = await page.evaluate(() => document.activeElement.id === 'token');
+    await set('token', `not-${token}`);
+    await page.waitForFunction((before) => document.getElementById('error').textContent !== before, {timeout: 30_000},
+      seen.without_token);
+    seen.wrong_token = await text('error');
     await set('token', token);
   }
   await page.waitForFunction(() => document.getElementById('server').textContent.startsWith('version'),

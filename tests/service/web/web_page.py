@@ -1,7 +1,7 @@
 """usage: web_page.py PROGRAMS_DIR SOURCE_DIR WORK_DIR
 
-Uses the server's page in a headless Chromium. What it downloads must be the bytes that the command line writes for the
-same request. Exit 77 with the reason if Chromium (docker/packages-browser.txt) or npm's packages are missing.
+Gives the page's client answers that are errors (page_errors.mjs), then uses the server's page in a headless Chromium.
+What it downloads must be the bytes that the command line writes for the same request. Exit 77 with the reason if Chromium (docker/packages-browser.txt) or npm's packages are missing.
 """
 import json
 import pathlib
@@ -86,6 +86,9 @@ def check(seen, mesh, folder):
 
 def main():
     WORK.mkdir(parents=True, exist_ok=True)
+    if shutil.which("node"):
+        script = SOURCE / "tests/service/web/page_errors.mjs"
+        subprocess.run(["node", script, SOURCE / "server/web/page", WORK / "errors"], check=True)
     browser = next((found for found in map(shutil.which, BROWSERS) if found), None)
     modules, missing = (None, f"none of {', '.join(BROWSERS)} is installed")
     if browser:
@@ -104,7 +107,8 @@ def main():
     tokens.chmod(0o600)
     with Server("--token-file", str(tokens)) as server:
         seen = drive(modules, browser, server.url, mesh, WORK / "token", TOKEN)
-        assert "token" in seen["without_token"] and seen["token_focused"], seen
+        assert seen["without_token"].startswith("a token is needed") and seen["token_focused"], seen
+        assert seen["wrong_token"] == "the token is unknown", seen
         check(seen, mesh, WORK / "token")
     return 0
 

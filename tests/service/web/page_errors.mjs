@@ -1,0 +1,64 @@
+// usage: node page_errors.mjs PAGE_FOLDER WORK_FOLDER
+//
+// What the page's client makes of answers that are errors: the words of the server, whatever they look like, and
+// whether a token is missing.
+import assert from 'node:assert/strict';
+import fs from 'node:fs';
+import path from 'node:path';
+import {pathToFileURL} from 'node:url';
+
+const [page, work] = process.argv.slice(2);
+fs.mkdirSync(work, {recursive: true});
+fs.writeFileSync(path.join(work, 'package.json'), '{"type": "module"}'); // as the browser takes the files
+for (const name of ['client.js', 'messages.js']) fs.copyFileSync(path.join(page, name), path.join(work, name));
+const {readFacts, Server} = await import(pathToFileURL(path.join(work, 'client.js')));
+
+const server = new Server({messages: {VoxelizeMeshRequest: {}}, enums: {}}, () => '');
+const WAYS = {
+  facts: () => readFacts(),
+  call: () => server.one('VoxelizeMesh', {}),
+  file: () => server.file('npy', {}),
+};
+const text = (status, body, headers = {}) =>
+  new Response(body, {status, headers: {'content-type': 'text/plain; charset=utf-8', ...headers}});
+
+// The error that a call makes of this answer.
+async function errorOf(way, answer) {
+  globalThis.fetch = async () => answer();
+  try {
+    await WAYS[way]();
+  } catch (error) {
+    return error;
+  }
+  return assert.fail(`${way}: no error`);
+}
+
+for (const way of Object.keys(WAYS)) {
+  const unknown = await errorOf(way, () => text(401, 'the token is unknown\n', {'grpc-status': '16'}));
+  assert.equal(unknown.message, 'the token is unknown', way);
+  assert.equal(unknown.needsToken, true, way);
+  const refused = await errorOf(way, () => text(403, 'the role monitor may not call it\n', {'grpc-status': '7'}));
+  assert.equal(refused.message, 'the role monitor may not call it', way);
+  assert.equal(refused.needsToken, false, way);
+  for (const words of ['null', '12', '"said"', '{"message": 3}', 'format: \'doc\' is not one of npy']) {
+    assert.equal((await errorOf(way, () => text(400, `${words}\n`))).message, words, `${way}: text that looks like JSON`);
+  }
+  const html = {'content-type': 'text/html'};
+  assert.match((await errorOf(way, () => text(502, '<h1>Bad Gateway</h1>', html))).message, /^the server .*HTTP 502$/, way);
+  assert.match((await errorOf(way, () => text(503, ''))).message, /HTTP 503$/, way);
+}
+
+// A gRPC-Web response of trailers alone.
+function trailers(lines) {
+  const bytes = new TextEncoder().encode(lines);
+  const frame = new Uint8Array(5 + bytes.length);
+  frame[0] = 128;
+  new DataView(frame.buffer).setUint32(1, bytes.length);
+  frame.set(bytes, 5);
+  return new Response(frame, {headers: {'content-type': 'application/grpc-web+proto'}});
+}
+const ended = (lines) => errorOf('call', () => trailers(lines));
+const needed = await ended('grpc-status: 16\r\ngrpc-message: a token is needed: authorization%3A Bearer TOKEN\r\n');
+assert.equal(needed.message, 'a token is needed: authorization: Bearer TOKEN');
+assert.equal(needed.needsToken, true);
+assert.equal((await ended('grpc-status: 8\r\ngrpc-message: 100% is used\r\n')).message, '100% is used');
