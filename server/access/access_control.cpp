@@ -86,6 +86,26 @@ void AccessControl::Install(TokenTable table) {
 absl::StatusOr<Admitted> AccessControl::Admit(std::optional<std::string_view> authorization, Rpc rpc,
                                               const std::string& certificate, QuotaClock::time_point now,
                                               std::string* who) {
+  std::shared_ptr<Quota> quota;
+  absl::StatusOr<Admitted> admitted = Identify(authorization, rpc, certificate, who, quota);
+  if (!admitted.ok() || !quota) return admitted;
+  if (const auto refusal = quota->Begin(now)) return Refuse(*refusal, admitted->name_, metrics_);
+  admitted->quota_ = std::move(quota);
+  return admitted;
+}
+
+absl::Status AccessControl::Check(std::optional<std::string_view> authorization, Rpc rpc,
+                                  const std::string& certificate, QuotaClock::time_point now, std::string* who) {
+  std::shared_ptr<Quota> quota;
+  const absl::StatusOr<Admitted> admitted = Identify(authorization, rpc, certificate, who, quota);
+  if (!admitted.ok() || !quota) return admitted.status();
+  const std::optional<QuotaRefusal> refusal = quota->Check(now);
+  return refusal ? Refuse(*refusal, admitted->name_, metrics_) : absl::OkStatus();
+}
+
+absl::StatusOr<Admitted> AccessControl::Identify(std::optional<std::string_view> authorization, Rpc rpc,
+                                                 const std::string& certificate, std::string* who,
+                                                 std::shared_ptr<Quota>& quota) {
   const bool health = rpc == Rpc::kHealthCheck || rpc == Rpc::kHealthWatch;
   if (health && open_health_) return Admitted();
   if (token_file_.empty()) {
@@ -130,16 +150,9 @@ absl::StatusOr<Admitted> AccessControl::Admit(std::optional<std::string_view> au
   admitted.role_ = client->role;
   admitted.metrics_ = &metrics_;
   if (health) return admitted;  // a watch takes no quota
-  std::shared_ptr<Quota> quota;
-  {
-    const std::lock_guard lock(mutex_);
-    const auto found = quotas_.find(client->name);
-    if (found != quotas_.end()) quota = found->second;
-  }
-  if (quota) {
-    if (const auto refusal = quota->Begin(now)) return Refuse(*refusal, client->name, metrics_);
-    admitted.quota_ = std::move(quota);
-  }
+  const std::lock_guard lock(mutex_);
+  const auto found = quotas_.find(client->name);
+  if (found != quotas_.end()) quota = found->second;
   return admitted;
 }
 

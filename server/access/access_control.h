@@ -64,6 +64,10 @@ class AccessControl {
   absl::StatusOr<Admitted> Admit(std::optional<std::string_view> authorization, Rpc rpc,
                                  const std::string& certificate = "", QuotaClock::time_point now = QuotaClock::now(),
                                  std::string* who = nullptr);
+  // What Admit would answer now, without a share of the quota. A refused caller makes no call after this one, so the
+  // refusal is counted here.
+  absl::Status Check(std::optional<std::string_view> authorization, Rpc rpc, const std::string& certificate = "",
+                     QuotaClock::time_point now = QuotaClock::now(), std::string* who = nullptr);
 
   // Reads the token file again. Clients' quota state is kept; calls in progress continue. Errors: those of
   // TokenTable::Read; then the old table stays.
@@ -74,6 +78,9 @@ class AccessControl {
  private:
   AccessControl(std::string token_file, bool open_health, Metrics& metrics);
   void Install(TokenTable table);
+  // Admit without a share of the quota. Out: that quota, null if there is none.
+  absl::StatusOr<Admitted> Identify(std::optional<std::string_view> authorization, Rpc rpc,
+                                    const std::string& certificate, std::string* who, std::shared_ptr<Quota>& quota);
 
   const std::string token_file_;
   const bool open_health_;

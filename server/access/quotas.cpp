@@ -41,13 +41,18 @@ void TokenBucket::Fill(QuotaClock::time_point now) {
 }
 
 std::chrono::milliseconds TokenBucket::Take(double count, QuotaClock::time_point now) {
+  const std::chrono::milliseconds wait = WaitFor(count, now);
+  if (wait.count() == 0) level_ -= count;
+  return wait;
+}
+
+std::chrono::milliseconds TokenBucket::WaitFor(double count, QuotaClock::time_point now) {
   Fill(now);
   const double needed = std::min(count, size_);
   if (level_ + 1e-9 < needed) {
     const double seconds = std::min((needed - level_) / per_second_, 3600.);
     return std::chrono::milliseconds(std::max<int64_t>(1, int64_t(std::ceil(seconds * 1000 - 1e-6))));
   }
-  level_ -= count;
   return std::chrono::milliseconds(0);
 }
 
@@ -62,15 +67,26 @@ void Quota::SetLimits(const QuotaLimits& limits, QuotaClock::time_point now) {
   SetBucket(bytes_, double(limits.bytes_per_second), double(limits.burst_bytes), now);
 }
 
-std::optional<QuotaRefusal> Quota::Begin(QuotaClock::time_point now) {
-  const std::lock_guard lock(mutex_);
+std::optional<QuotaRefusal> Quota::CheckLocked(QuotaClock::time_point now) {
   const uint32_t counted = std::max(calls_now_ - answered_now_, calls_now_ - std::min(calls_now_, kMaxAnswered));
   if (limits_.calls_at_once != 0 && counted >= limits_.calls_at_once) {
     return QuotaRefusal{Refusal::kQuotaCalls, kCallsAtOnceRetry};
   }
   if (calls_) {
-    if (const auto wait = calls_->Take(1, now); wait.count() > 0) return QuotaRefusal{Refusal::kQuotaRate, wait};
+    if (const auto wait = calls_->WaitFor(1, now); wait.count() > 0) return QuotaRefusal{Refusal::kQuotaRate, wait};
   }
+  return std::nullopt;
+}
+
+std::optional<QuotaRefusal> Quota::Check(QuotaClock::time_point now) {
+  const std::lock_guard lock(mutex_);
+  return CheckLocked(now);
+}
+
+std::optional<QuotaRefusal> Quota::Begin(QuotaClock::time_point now) {
+  const std::lock_guard lock(mutex_);
+  if (std::optional<QuotaRefusal> refusal = CheckLocked(now)) return refusal;
+  if (calls_) calls_->Take(1, now);
   ++calls_now_;
   return std::nullopt;
 }

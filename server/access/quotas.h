@@ -22,6 +22,8 @@ class TokenBucket {
   // Takes `count` and returns 0, or takes nothing and returns the waiting time. A count beyond the bucket's size is
   // taken from a full bucket, which then has a negative count.
   std::chrono::milliseconds Take(double count, QuotaClock::time_point now);
+  // The waiting time that Take would return now; 0 if it would take them.
+  std::chrono::milliseconds WaitFor(double count, QuotaClock::time_point now);
 
  private:
   void Fill(QuotaClock::time_point now);
@@ -45,6 +47,8 @@ class Quota {
   void SetLimits(const QuotaLimits& limits, QuotaClock::time_point now);
   // Begins a call, or returns why not. Each call that began must End.
   std::optional<QuotaRefusal> Begin(QuotaClock::time_point now);
+  // Why a call could not begin now, if so; begins none.
+  std::optional<QuotaRefusal> Check(QuotaClock::time_point now);
   // Begins a job within a call, which counts only for calls a second; or returns why not.
   std::optional<QuotaRefusal> TakeCall(QuotaClock::time_point now);
   // A call is answered: its client may begin the next one before this one has ended. Up to kMaxAnswered answered calls
@@ -55,6 +59,8 @@ class Quota {
   std::optional<QuotaRefusal> TakeBytes(uint64_t bytes, QuotaClock::time_point now);
 
  private:
+  std::optional<QuotaRefusal> CheckLocked(QuotaClock::time_point now);
+
   std::mutex mutex_;
   QuotaLimits limits_;
   std::optional<TokenBucket> calls_, bytes_;

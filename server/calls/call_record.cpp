@@ -7,21 +7,24 @@
 
 namespace voxelpipe {
 
-std::optional<std::string_view> CallRecord::Metadata(const grpc::CallbackServerContext& context, const char* name) {
+std::optional<std::string_view> MetadataOf(const grpc::CallbackServerContext& context, const char* name) {
   const auto found = context.client_metadata().find(name);
   if (found == context.client_metadata().end()) return std::nullopt;
   return std::string_view(found->second.data(), found->second.size());
 }
 
-std::string CallRecord::IdOf(const grpc::CallbackServerContext& context) {
-  const auto given = Metadata(context, "x-request-id");
-  return given && IsRequestId(*given) ? std::string(*given) : MakeRequestId();
+namespace {
+
+CallHead HeadOf(const ServiceState& state, const grpc::CallbackServerContext& context) {
+  return {MetadataOf(context, "authorization"), MetadataOf(context, "x-request-id"), MetadataOf(context, "traceparent"),
+          PeerOf(state, context), CertificateOf(state, context)};
 }
 
-std::optional<TraceContext> CallRecord::TraceOf(const grpc::CallbackServerContext& context) {
-  const auto given = Metadata(context, "traceparent");
-  return given ? ParseTraceparent(*given) : std::nullopt;
+std::string IdOf(const CallHead& head) {
+  return head.request_id && IsRequestId(*head.request_id) ? std::string(*head.request_id) : MakeRequestId();
 }
+
+}  // namespace
 
 std::string CertificateOf(const ServiceState& state, const grpc::ServerContextBase& context) {
   return state.options.tls_client_names ? ClientNameOf(*context.auth_context()) : std::string();
@@ -35,16 +38,32 @@ std::string PeerOf(const ServiceState& state, const grpc::ServerContextBase& con
   return context.peer();
 }
 
-CallRecord::CallRecord(ServiceState& state, grpc::CallbackServerContext& context, Rpc called)
+CallRecord::Caller CallRecord::Admit(ServiceState& state, const CallHead& head, Rpc called) {
+  std::string name;
+  auto admitted = state.access->Admit(head.authorization, called, head.certificate, QuotaClock::now(), &name);
+  return {std::move(name), std::move(admitted)};
+}
+
+CallRecord::CallRecord(ServiceState& state, const CallHead& head, Rpc called, Caller caller)
     : rpc(called),
-      request_id(IdOf(context)),
-      peer(PeerOf(state, context)),
-      trace(TraceOf(context)),
+      request_id(IdOf(head)),
+      peer(head.peer),
+      trace(head.traceparent ? ParseTraceparent(*head.traceparent) : std::nullopt),
+      client(caller.name.empty() ? HostOfPeer(peer) : caller.name),
       metrics_(state.metrics),
-      admitted_(state.access->Admit(Metadata(context, "authorization"), called, CertificateOf(state, context),
-                                    QuotaClock::now(), &name_)) {
-  client = name_.empty() ? HostOfPeer(peer) : name_;
+      name_(std::move(caller.name)),
+      admitted_(std::move(caller.admitted)) {
   metrics_.CallBegan(rpc);
+}
+
+CallRecord::CallRecord(ServiceState& state, const CallHead& head, Rpc called)
+    : CallRecord(state, head, called, Admit(state, head, called)) {}
+
+CallRecord::CallRecord(ServiceState& state, const CallHead& head, Rpc called, absl::Status refused, std::string name)
+    : CallRecord(state, head, called, Caller{std::move(name), std::move(refused)}) {}
+
+CallRecord::CallRecord(ServiceState& state, grpc::CallbackServerContext& context, Rpc called)
+    : CallRecord(state, HeadOf(state, context), called) {
   context.AddInitialMetadata("x-request-id", request_id);
 }
 

@@ -26,15 +26,24 @@ std::string CertificateOf(const ServiceState& state, const grpc::ServerContextBa
 // The address of the call's client, also of one whose call this process forwards (ForwardedPeers).
 std::string PeerOf(const ServiceState& state, const grpc::ServerContextBase& context);
 
+// The value of a metadata key of the call.
+std::optional<std::string_view> MetadataOf(const grpc::CallbackServerContext& context, const char* name);
+
+// What a call says of itself before its message. Views into memory of the caller.
+struct CallHead {
+  std::optional<std::string_view> authorization, request_id, traceparent;
+  std::string peer;         // address of the client
+  std::string certificate;  // CertificateOf
+};
+
 // Created when a call starts, on gRPC's thread. The call guards members that change.
 class CallRecord {
  public:
-  // The value of a metadata key of a call.
-  static std::optional<std::string_view> Metadata(const grpc::CallbackServerContext& context, const char* name);
-
   // Checks AccessControl, and sets the metadata `x-request-id` of the response: the caller's own if it is valid,
   // otherwise a new one.
   CallRecord(ServiceState& state, grpc::CallbackServerContext& context, Rpc called);
+  // Of a call that ends before its message with `refused`. `name`: that of the token, if it is known.
+  CallRecord(ServiceState& state, const CallHead& head, Rpc called, absl::Status refused, std::string name);
   ~CallRecord();
   CallRecord(const CallRecord&) = delete;
   CallRecord& operator=(const CallRecord&) = delete;
@@ -67,8 +76,14 @@ class CallRecord {
   LogFields facts;                       // further fields
 
  private:
-  static std::string IdOf(const grpc::CallbackServerContext& context);
-  static std::optional<TraceContext> TraceOf(const grpc::CallbackServerContext& context);
+  // Whose call it is, and whether that caller may make it.
+  struct Caller {
+    std::string name;
+    absl::StatusOr<Admitted> admitted;
+  };
+  static Caller Admit(ServiceState& state, const CallHead& head, Rpc called);
+  CallRecord(ServiceState& state, const CallHead& head, Rpc called);
+  CallRecord(ServiceState& state, const CallHead& head, Rpc called, Caller caller);
 
   // Out: the duration of the call in seconds.
   double CountEnd(const absl::Status& status);

@@ -30,9 +30,9 @@ absl::Status ShuttingDownError() {
   return absl::UnavailableError("the server is shutting down");
 }
 
-absl::Status MayBegin(const CallGate::Pass& pass, const CallRecord& record) {
+absl::Status MayBegin(const CallGate::Pass& pass, const absl::Status& admission) {
   if (pass.full()) return BusyError("too many calls at the same time", kRetryDelay);
-  return pass ? record.admission() : ShuttingDownError();
+  return pass ? admission : ShuttingDownError();
 }
 
 absl::Status PrepareRequest(const ServiceState& state, VoxelizeRequest& request) {

@@ -9,7 +9,6 @@
 
 #include "absl/status/status.h"
 #include "base/job_context.h"
-#include "calls/call_record.h"
 #include "job/request.h"
 #include "schedule/byte_budget.h"
 #include "schedule/task.h"
@@ -24,9 +23,9 @@ void SetDeadline(const grpc::CallbackServerContext& context, JobContext& job);
 // The error of calls after the gate was closed. UNAVAILABLE: another server, or this one later, may accept it.
 absl::Status ShuttingDownError();
 
-// Checks that a call may continue: the first check of each. Errors: ShuttingDownError; a BusyError beyond --max-calls;
-// those of CallRecord::admission.
-absl::Status MayBegin(const CallGate::Pass& pass, const CallRecord& record);
+// Checks that a call may continue: the first check of each. In: CallRecord::admission. Errors: ShuttingDownError; a
+// BusyError beyond --max-calls; `admission`.
+absl::Status MayBegin(const CallGate::Pass& pass, const absl::Status& admission);
 
 // Sets the operator's choices (threads, backend, instruction set) in a client's request and checks everything that
 // needs no mesh. Errors: INVALID_ARGUMENT naming the field.

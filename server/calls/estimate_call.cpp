@@ -69,7 +69,7 @@ EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& con
 }
 
 void EstimateCall::Start(grpc::ByteBuffer& request) {
-  absl::Status begun = MayBegin(pass_, record_);
+  absl::Status begun = MayBegin(pass_, record_.admission());
   if (begun.ok()) begun = ReadMessage(request, request_);
   const uint64_t mesh_bytes = request_.mesh_bytes().size();
   if (begun.ok()) begun = TakeUploadBytes(state_, 0, mesh_bytes, uploads_);

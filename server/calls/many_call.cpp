@@ -123,7 +123,7 @@ ManyCall* ManyCall::Create(ServiceState& state, grpc::CallbackServerContext& con
           self->GiveUp(absl::StrCat("the client took nothing of the answers for ", patience_ms, " ms"));
         }
       });
-  if (absl::Status status = MayBegin(call->pass_, call->record_); !status.ok()) {
+  if (absl::Status status = MayBegin(call->pass_, call->record_.admission()); !status.ok()) {
     call->End(std::move(status));
   } else {
     call->closer_.emplace(state.gate, [weak] {

@@ -86,7 +86,7 @@ UploadMeshCall* UploadMeshCall::Create(ServiceState& state, grpc::CallbackServer
       [weak = call->weak_from_this()] {
         if (const auto self = weak.lock()) self->GiveUp();
       });
-  if (absl::Status s = MayBegin(call->pass_, call->record_); s.ok()) {
+  if (absl::Status s = MayBegin(call->pass_, call->record_.admission()); s.ok()) {
     call->upload_wait_->Begin();
     call->StartRead(&call->read_);
   } else {

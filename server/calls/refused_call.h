@@ -17,6 +17,17 @@
 
 namespace voxelpipe {
 
+// Ends the record of a call that was refused because the queue is full. All are counted, one a second has a log line.
+inline void EndOfFullQueue(ServiceState& state, CallRecord& record, const absl::Status& status) {
+  const std::optional<uint64_t> unlogged = state.full_queue.MayLog();
+  if (!unlogged) {
+    record.Count(status);
+    return;
+  }
+  if (*unlogged > 0) record.facts.push_back({"refused_before", *unlogged});
+  record.Log(status);
+}
+
 // Reactor: what the service's method returns. Deletes itself when gRPC is done with it.
 template <typename Reactor>
 class RefusedCall final : public Reactor {
@@ -29,10 +40,9 @@ class RefusedCall final : public Reactor {
   }
 
   void OnDone() override {
-    if (!log_) {
-      record_.Count(status_);
+    if (may_begin_) {
+      EndOfFullQueue(state_, record_, status_);
     } else {
-      if (*log_ > 0) record_.facts.push_back({"refused_before", *log_});
       record_.Log(status_);
     }
     delete this;
@@ -41,18 +51,21 @@ class RefusedCall final : public Reactor {
 
  private:
   RefusedCall(ServiceState& state, grpc::CallbackServerContext& context, Rpc rpc, const FullQueue::Answer& answer)
-      : pass_(state.gate), record_(state, context, rpc), status_(MayBegin(pass_, record_)) {
-    const bool strange = !status_.ok();  // callers without rights get that error instead
-    if (!strange) status_ = answer.status;
-    log_ = strange ? 0 : state.full_queue.MayLog();
+      : state_(state),
+        pass_(state.gate),
+        record_(state, context, rpc),
+        status_(MayBegin(pass_, record_.admission())),
+        may_begin_(status_.ok()) {
+    if (may_begin_) status_ = answer.status;
     record_.Answered();
-    this->Finish(strange ? ToGrpcStatus(status_) : answer.grpc_status);
+    this->Finish(may_begin_ ? answer.grpc_status : ToGrpcStatus(status_));
   }
 
+  ServiceState& state_;
   const CallGate::Pass pass_;  // a drain waits until the response was sent
   CallRecord record_;
   absl::Status status_;
-  std::optional<uint64_t> log_;
+  const bool may_begin_;  // otherwise status_ is the caller's own error
 };
 
 }  // namespace voxelpipe

@@ -11,6 +11,7 @@
 #include "jobs/job_counts.h"
 #include "jobs/job_memory.h"
 #include "jobs/prepare_kept.h"
+#include "jobs/request_memory.h"
 #include "reply/raw_message.h"
 #include "wire/response.h"
 #include "wire/status.h"
@@ -32,8 +33,7 @@ ResultCall::ResultCall(ServiceState& state, grpc::CallbackServerContext& grpc_co
       pass_(state.gate),
       context_(grpc_context),
       record_(state, grpc_context, rpc),
-      make_export_(
-          state.exports.Take(std::string(CallRecord::Metadata(grpc_context, ResultExports::kKey).value_or("")))),
+      make_export_(state.exports.Take(std::string(MetadataOf(grpc_context, ResultExports::kKey).value_or("")))),
       small_result_(make_export_ ? SmallResult::kInPieces : small_result),
       uploads_(state.uploads),
       working_(state.working) {
@@ -187,8 +187,7 @@ absl::Status ResultCall::Export(JobOutcome& outcome) {
     absl::StatusOr<uint64_t> bytes = absl::ResourceExhaustedError("out of memory for the file of the result");
     try {
       bytes = exported->Close(outcome);
-    } catch (const std::bad_alloc&) {
-    }
+    } catch (const std::bad_alloc&) {}
     status = bytes.status();
     exported_bytes_ = bytes.value_or(0);
   }

@@ -13,7 +13,7 @@ VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerCont
   const std::shared_ptr<VoxelizeCall> call(new VoxelizeCall(state, server_context));
   call->KeepAlive(std::shared_ptr<ResultCall>(call, call.get()));
   call->upload_wait_ = call->WaitForClient(state.options.upload_idle_timeout_ms, "sent too little of its mesh");
-  if (absl::Status status = MayBegin(call->pass_, call->record_); !status.ok()) {
+  if (absl::Status status = MayBegin(call->pass_, call->record_.admission()); !status.ok()) {
     call->End(std::move(status));
   } else {
     call->upload_wait_->Begin();

@@ -17,7 +17,7 @@ VoxelizeMeshCall* VoxelizeMeshCall::Create(ServiceState& state, grpc::CallbackSe
                                            grpc::ByteBuffer& request) {
   const std::shared_ptr<VoxelizeMeshCall> call(new VoxelizeMeshCall(state, server_context));
   call->KeepAlive(std::shared_ptr<ResultCall>(call, call.get()));
-  absl::Status status = MayBegin(call->pass_, call->record_);
+  absl::Status status = MayBegin(call->pass_, call->record_.admission());
   if (status.ok()) status = call->TakeRequest(request);
   if (status.ok()) {
     call->SubmitJob();

@@ -11,7 +11,6 @@
 #include "absl/strings/str_cat.h"
 #include "base/text.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
-#include "web/http/bridge_call.h"
 #include "web/http/client_timeout.h"
 #include "web/http/web_reply.h"
 #include "web/http/web_request.h"
@@ -98,27 +97,27 @@ class MethodStream {
 
 }  // namespace
 
-absl::Status CheckWebMethod(std::string_view path) {
+absl::StatusOr<Rpc> WebMethodOf(std::string_view path) {
   const std::string name(path.substr(std::min(sizeof(kServicePath) - 1, path.size())));
   const google::protobuf::MethodDescriptor* const method = Service().FindMethodByName(name);
   if (!path.starts_with(kServicePath) || method == nullptr) {
     return absl::UnimplementedError(absl::StrCat("there is no method ", CleanText(path, kMaxNameBytes)));
   }
-  if (!method->client_streaming()) return absl::OkStatus();
+  for (size_t i = 0; i < kRpcs && !method->client_streaming(); ++i) {
+    if (name == RpcName(Rpc(i))) return Rpc(i);
+  }
   return absl::UnimplementedError(absl::StrCat(
       name, " takes a stream of messages, which browsers cannot send; VoxelizeMesh takes a mesh in one message"));
 }
 
-MHD_Result AnswerMethod(WebContext& web, MHD_Connection* connection, const std::string& path, RequestBody& body,
+MHD_Result AnswerMethod(WebContext& web, MHD_Connection* connection, const BridgeCall::Setup& setup, RequestBody& body,
                         const std::string& allowed) {
   absl::Status status = body.status();
   if (status.ok()) status = CheckRequestFrame(body.head(), body.bytes());
-  absl::StatusOr<BridgeCall::Setup> setup = CallOf(web, connection, path);
-  if (status.ok()) status = setup.status();
   if (!status.ok()) return SendWebReply(connection, GrpcWebError(ToGrpcStatus(status)), allowed);
 
   const unsigned stall_seconds = SecondsOf(web.state.options.stall_timeout_ms);
-  auto call = std::make_unique<BridgeCall>(web.channel, *setup, body.Take());
+  auto call = std::make_unique<BridgeCall>(web.channel, setup, body.Take());
   {
     const ClientTimeoutPause pause(connection, stall_seconds);
     if (!call->WaitForMetadata()) return MHD_NO;

@@ -9,18 +9,20 @@
 #include <microhttpd.h>
 
 #include "absl/status/statusor.h"
+#include "observe/metrics.h"
+#include "web/http/bridge_call.h"
 #include "web/http/request_body.h"
 #include "web/http/web_context.h"
 
 namespace voxelpipe {
 
-// OK if browsers can call the method of this path. UNIMPLEMENTED if there is none of this name, or it takes a stream of
+// The method of this path, which browsers can call. UNIMPLEMENTED if there is none of this name, or it takes a stream of
 // requests, naming the method to call in its place.
-absl::Status CheckWebMethod(std::string_view path);
+absl::StatusOr<Rpc> WebMethodOf(std::string_view path);
 
-// Makes the call of `path` with the message of `body`, waits for the beginning of its response, and queues that.
-// Messages are then read one by one as the client takes their bytes.
-MHD_Result AnswerMethod(WebContext& web, MHD_Connection* connection, const std::string& path, RequestBody& body,
+// Makes the call with the message of `body`, waits for the beginning of its response, and queues that. Messages are then
+// read one by one as the client takes their bytes.
+MHD_Result AnswerMethod(WebContext& web, MHD_Connection* connection, const BridgeCall::Setup& setup, RequestBody& body,
                         const std::string& allowed);
 
 }  // namespace voxelpipe

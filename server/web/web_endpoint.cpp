@@ -17,6 +17,7 @@
 #include "observe/listen_socket.h"
 #include "observe/log.h"
 #include "web/exchange.h"
+#include "web/http/client_socket.h"
 #include "web/http/client_timeout.h"
 #include "web/http/web_request.h"
 
@@ -25,6 +26,8 @@ namespace {
 
 constexpr std::chrono::seconds kHeadTime{10};  // for all headers of a request
 constexpr std::chrono::milliseconds kWatchInterval{100};
+// For the client to take the answer to a request whose body is not read.
+constexpr std::chrono::seconds kRestTime{2};
 // Of one connection: the headers of request and response, and a block of a body.
 constexpr size_t kConnectionBytes = 160 << 10;
 
@@ -80,14 +83,18 @@ struct WebCallbacks {
     return exchange.Take({body, std::exchange(*body_bytes, 0)});
   }
 
-  static void Completed(void* self, MHD_Connection* /*connection*/, void** request,
-                        MHD_RequestTerminationCode /*why*/) {
+  static void Completed(void* self, MHD_Connection* connection, void** request, MHD_RequestTerminationCode why) {
     if (*request == nullptr) return;
     WebEndpoint& endpoint = *static_cast<WebEndpoint*>(self);
-    delete static_cast<Exchange*>(std::exchange(*request, nullptr));
-    const std::lock_guard lock(endpoint.mutex_);
-    --endpoint.requests_;
-    endpoint.completed_.notify_all();
+    const auto* const exchange = static_cast<Exchange*>(std::exchange(*request, nullptr));
+    const bool rest = exchange->leaves_body() && why == MHD_REQUEST_TERMINATED_COMPLETED_OK;
+    delete exchange;
+    {
+      const std::lock_guard lock(endpoint.mutex_);
+      --endpoint.requests_;
+      endpoint.completed_.notify_all();
+    }
+    if (rest) DropRest(SocketOf(connection), kRestTime, kMaxMessageBytes);
   }
 };
 

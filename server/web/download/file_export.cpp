@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/checksum/sha256.h"
+#include "base/text.h"
 #include "encode/atomic_file.h"
 #include "encode/png_preview.h"
 #include "encode/result_file.h"

@@ -13,7 +13,6 @@
 #include <grpcpp/impl/codegen/proto_utils.h>
 
 #include "absl/strings/str_cat.h"
-#include "base/text.h"
 #include "encode/atomic_file.h"
 #include "encode/format_registry.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
@@ -28,7 +27,6 @@
 namespace voxelpipe {
 namespace {
 
-constexpr size_t kMaxFormatBytes = 40;
 constexpr size_t kMaxWarningLines = 10;
 
 WebMetadata WarningHeaders(const v1::Summary& summary) {
@@ -88,18 +86,13 @@ MHD_Result ResultDownload::Answer(MHD_Connection* connection, RequestBody& body,
 
 absl::StatusOr<ResultDownload::File> ResultDownload::Make(MHD_Connection* connection, RequestBody& body) {
   if (!body.status().ok()) return body.status();
-  const char* const asked = MHD_lookup_connection_value(connection, MHD_GET_ARGUMENT_KIND, "format");
-  const std::string name = asked == nullptr ? "" : asked;
-  const OutputFormat* const format = FindFormat("." + name);
-  if (format == nullptr) {
-    return absl::InvalidArgumentError(
-        absl::StrCat("format: '", CleanText(name, kMaxFormatBytes), "' is not one of ", ListFormats(false)));
-  }
+  const absl::StatusOr<const OutputFormat*> format = AskedFormat(connection);
+  if (!format.ok()) return format.status();
   absl::StatusOr<BridgeCall::Setup> setup = CallOf(web_, connection, absl::StrCat(kServicePath, "VoxelizeMesh"));
   if (!setup.ok()) return setup.status();
   absl::StatusOr<TemporaryFolder> folder = TemporaryFolder::Create();
   if (!folder.ok()) return WithoutPaths(folder.status());
-  const std::shared_ptr<ExportedFile> exported(new ExportedFile{*format, web_.files.limit(), *std::move(folder), ""});
+  const std::shared_ptr<ExportedFile> exported(new ExportedFile{**format, web_.files.limit(), *std::move(folder), ""});
   const ResultExports::Offer offer(web_.state.exports, ExportTo(exported));
   setup->metadata.emplace_back(ResultExports::kKey, offer.ticket());
 

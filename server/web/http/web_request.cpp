@@ -10,12 +10,15 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "base/text.h"
 
 namespace voxelpipe {
 namespace {
 
 // What the service reads of a caller's metadata. Other headers are for browsers and proxies.
 constexpr const char* kForwarded[] = {"authorization", "traceparent", "x-request-id"};
+
+constexpr size_t kMaxFormatBytes = 40;  // that an error shows
 
 bool IsPrintable(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](char c) { return c >= ' ' && c <= '~'; });
@@ -33,23 +36,38 @@ RequestSource SourceOf(MHD_Connection* connection) {
   return {HeaderOf(connection, "Host"), HeaderOf(connection, "Origin"), HeaderOf(connection, "Sec-Fetch-Site")};
 }
 
+bool HasBody(MHD_Connection* connection) {
+  return HeaderOf(connection, "Transfer-Encoding") || HeaderOf(connection, "Content-Length").value_or("0") != "0";
+}
+
 int SocketOf(MHD_Connection* connection) {
   const MHD_ConnectionInfo* const info = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
   return info != nullptr ? info->connect_fd : -1;
 }
 
-std::string AddressOf(MHD_Connection* connection) {
+const sockaddr* AddressOf(MHD_Connection* connection) {
   const MHD_ConnectionInfo* const info = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
+  return info != nullptr ? info->client_addr : nullptr;
+}
+
+std::string PeerOf(MHD_Connection* connection) {
+  const sockaddr* const address = AddressOf(connection);
   std::array<char, INET6_ADDRSTRLEN> text{};
-  if (info == nullptr || info->client_addr == nullptr) return "unknown";
-  if (info->client_addr->sa_family == AF_INET6) {
-    const auto& at = *reinterpret_cast<const sockaddr_in6*>(info->client_addr);
+  if (address == nullptr) return "unknown";
+  if (address->sa_family == AF_INET6) {
+    const auto& at = *reinterpret_cast<const sockaddr_in6*>(address);
     inet_ntop(AF_INET6, &at.sin6_addr, text.data(), text.size());
     return absl::StrCat("ipv6:%5B", text.data(), "%5D:", ntohs(at.sin6_port));
   }
-  const auto& at = *reinterpret_cast<const sockaddr_in*>(info->client_addr);
+  const auto& at = *reinterpret_cast<const sockaddr_in*>(address);
   inet_ntop(AF_INET, &at.sin_addr, text.data(), text.size());
   return absl::StrCat("ipv4:", text.data(), ":", ntohs(at.sin_port));
+}
+
+CallHead CallerOf(MHD_Connection* connection) {
+  // No certificate: the port has no TLS.
+  return {HeaderOf(connection, "authorization"), HeaderOf(connection, "x-request-id"),
+          HeaderOf(connection, "traceparent"), PeerOf(connection), ""};
 }
 
 absl::StatusOr<BridgeCall::Setup> CallOf(const WebContext& web, MHD_Connection* connection, std::string method) {
@@ -64,13 +82,22 @@ absl::StatusOr<BridgeCall::Setup> CallOf(const WebContext& web, MHD_Connection* 
     }
     setup.metadata.emplace_back(name, *value);
   }
-  setup.metadata.emplace_back(ForwardedPeers::kKey, web.state.peers.Write(AddressOf(connection)));
+  setup.metadata.emplace_back(ForwardedPeers::kKey, web.state.peers.Write(PeerOf(connection)));
   if (const auto text = HeaderOf(connection, "grpc-timeout")) {
     absl::StatusOr<std::chrono::nanoseconds> timeout = ParseTimeout(*text);
     if (!timeout.ok()) return timeout.status();
     setup.timeout = *timeout;
   }
   return setup;
+}
+
+absl::StatusOr<const OutputFormat*> AskedFormat(MHD_Connection* connection) {
+  const char* const asked = MHD_lookup_connection_value(connection, MHD_GET_ARGUMENT_KIND, "format");
+  const std::string name = asked == nullptr ? "" : asked;
+  const OutputFormat* const format = FindFormat("." + name);
+  if (format != nullptr) return format;
+  return absl::InvalidArgumentError(
+      absl::StrCat("format: '", CleanText(name, kMaxFormatBytes), "' is not one of ", ListFormats(false)));
 }
 
 bool IsType(std::optional<std::string_view> type, std::string_view wanted) {

@@ -6,6 +6,7 @@
 #include <functional>
 #include <iterator>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "service/support/http_get.h"
 #include "service/support/server_process.h"
 #include "service/support/web_client.h"
+#include "support/json/json.h"
 #include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "wire/request.h"
@@ -62,6 +64,32 @@ class WebServerTest : public ::testing::Test {
   const std::string folder_ = directory_.path().string();
   std::string web_, http_;
   std::unique_ptr<ServerProcess> server_;
+};
+
+class TokenServerTest : public WebServerTest {
+ protected:
+  // Clients "farm" and "few" (two calls), and a monitor "eye".
+  void StartWithTokens(std::vector<std::string> more = {}) {
+    std::ofstream(folder_ + "/tokens.json") << R"({"clients": [
+      {"name": "farm", "role": "user", "token": "token-of-the-farm"},
+      {"name": "few", "role": "user", "token": "token-of-the-few", "calls_per_second": 0.001, "burst_calls": 2},
+      {"name": "eye", "role": "monitor", "token": "token-of-the-eye"}]})";
+    more.insert(more.end(), {"--token-file", folder_ + "/tokens.json", "--log-format", "json"});
+    ASSERT_NO_FATAL_FAILURE(Start(more));
+  }
+  int StatusOf(const std::string& method, const HttpHeaders& headers, std::string_view message = "") {
+    return CallWeb(web_, method, message, headers).status;
+  }
+  // The line "call" of the log with this id.
+  nlohmann::json CallLine(const std::string& id) {
+    EXPECT_TRUE(Logs("\"request\":\"" + id + "\"") || Logs("\"request\": \"" + id + "\"")) << Log();
+    std::istringstream lines(Log());
+    for (std::string line; std::getline(lines, line);) {
+      const nlohmann::json parsed = ParseJson(line, false);
+      if (parsed.is_object() && parsed.value("request", "") == id) return parsed;
+    }
+    return {};
+  }
 };
 
 }  // namespace voxelpipe::testing

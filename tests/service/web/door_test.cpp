@@ -1,6 +1,4 @@
 // Who may use the page's port: pages of other origins, rebound names, tokens, addresses of clients, slow clients.
-#include <fstream>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -20,32 +18,10 @@ namespace {
 using nlohmann::json;
 using ::testing::HasSubstr;
 
-class DoorTest : public WebServerTest {
+class DoorTest : public TokenServerTest {
  protected:
-  // Clients "farm" and "few" (two calls), and a monitor "eye".
-  void StartWithTokens(std::vector<std::string> more = {}) {
-    std::ofstream(folder_ + "/tokens.json") << R"({"clients": [
-      {"name": "farm", "role": "user", "token": "token-of-the-farm"},
-      {"name": "few", "role": "user", "token": "token-of-the-few", "calls_per_second": 0.001, "burst_calls": 2},
-      {"name": "eye", "role": "monitor", "token": "token-of-the-eye"}]})";
-    more.insert(more.end(), {"--token-file", folder_ + "/tokens.json", "--log-format", "json"});
-    ASSERT_NO_FATAL_FAILURE(Start(more));
-  }
-  int StatusOf(const std::string& method, const HttpHeaders& headers, std::string_view message = "") {
-    return CallWeb(web_, method, message, headers).status;
-  }
   int CodeOf(const HttpHeaders& headers, const std::string& method = "GET", const std::string& path = "/") {
     return Fetch(web_, method, path, headers).code;
-  }
-  // The line "call" of the log with this id.
-  json CallLine(const std::string& id) {
-    EXPECT_TRUE(Logs("\"request\":\"" + id + "\"") || Logs("\"request\": \"" + id + "\"")) << Log();
-    std::istringstream lines(Log());
-    for (std::string line; std::getline(lines, line);) {
-      const json parsed = ParseJson(line, false);
-      if (parsed.is_object() && parsed.value("request", "") == id) return parsed;
-    }
-    return {};
   }
 };
 

@@ -105,6 +105,31 @@ TEST_F(AccessControlTest, AQuotaRefusesWithADelayAndIsGivenBack) {
   EXPECT_EQ(CodeFor(*control, "Bearer token-of-the-farm"), absl::StatusCode::kOk);
 }
 
+TEST_F(AccessControlTest, ACheckDecidesAsAnAdmissionAndTakesNothing) {
+  Write(std::string(kUser) + "," + kMonitor + "," +
+        R"({"name": "few", "role": "user", "token": "token-of-the-few", "calls_per_second": 0.001})");
+  const auto control = Make();
+  const auto check = [&](std::optional<std::string_view> authorization, Rpc rpc = Rpc::kVoxelize) {
+    return control->Check(authorization, rpc).code();
+  };
+  EXPECT_EQ(check(std::nullopt), absl::StatusCode::kUnauthenticated);
+  EXPECT_EQ(check("Bearer wrong"), absl::StatusCode::kUnauthenticated);
+  EXPECT_EQ(check("Bearer token-of-the-eye"), absl::StatusCode::kPermissionDenied);
+  EXPECT_EQ(check("Bearer token-of-the-eye", Rpc::kListShaders), absl::StatusCode::kOk);
+  for (const char* const token : {"Bearer token-of-the-farm", "Bearer token-of-the-few"}) {
+    EXPECT_EQ(check(token), absl::StatusCode::kOk);
+    EXPECT_EQ(check(token), absl::StatusCode::kOk) << "the first took nothing";
+    const auto admitted = control->Admit(token, Rpc::kVoxelize);
+    EXPECT_TRUE(admitted.ok()) << admitted.status();
+    EXPECT_EQ(check(token), absl::StatusCode::kResourceExhausted);
+  }
+  EXPECT_EQ(metrics_.Refused(Refusal::kNoToken).Value(), 1);
+  EXPECT_EQ(metrics_.Refused(Refusal::kBadToken).Value(), 1);
+  EXPECT_EQ(metrics_.Refused(Refusal::kRole).Value(), 1);
+  EXPECT_EQ(metrics_.Refused(Refusal::kQuotaCalls).Value(), 1);
+  EXPECT_EQ(metrics_.Refused(Refusal::kQuotaRate).Value(), 1);
+}
+
 TEST_F(AccessControlTest, AMovedAdmissionGivesItsPlaceBackOnce) {
   Write(kUser);
   const auto control = Make();
