@@ -114,6 +114,10 @@ void AddServing(OptionList& list, ServerOptions& o) {
       .Check(CheckHttpListen);
   list.Add("--web-origin", o.web_origin, "ORIGIN,...",
            "further origins whose pages may use that address, such as https://voxels.example.org of a proxy before it");
+  list.AddNumber(
+      "--web-connections-per-address", o.web_connections_per_address, 0, kMaxWebConnections, "",
+      "connections to that address at the same time from one IPv4 address or one IPv6 network of 64 bits, of "
+      "128 in all; 0: no limit, for a proxy before it, from which all its clients come");
   list.AddBytes("--web-file-bytes", o.web_file_bytes, 1, "temporary files of results that browsers download, together");
   list.Add("--reflection", o.reflection,
            "clients may query the descriptions of the services (grpc.reflection.v1 and v1alpha)");

@@ -14,6 +14,9 @@ namespace voxelpipe {
 // A message with a full piece, including its header, stays below the 4 MiB that gRPC clients accept by default.
 inline constexpr uint64_t kMaxPieceBytes = (uint64_t{4} << 20) - 4096;
 
+// Connections to --web-listen at the same time.
+inline constexpr uint32_t kMaxWebConnections = 128;
+
 // Each member is an option of the same name, which options.cpp declares with unit and meaning (OPERATIONS.md, --help).
 // Resolve() replaces each 0 that means "choose".
 struct ServerOptions {
@@ -76,6 +79,7 @@ struct ServerOptions {
   std::string log_format = "text";
   std::string http_listen;
   std::string web_listen, web_origin;
+  uint32_t web_connections_per_address = kMaxWebConnections / 4;
   uint64_t web_file_bytes = 2ull << 30;
   std::string token_file;
   bool open_health = true;

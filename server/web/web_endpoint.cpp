@@ -42,12 +42,17 @@ void LogHttp(void* /*self*/, const char* format, va_list arguments) {
 
 // The callbacks of the library.
 struct WebCallbacks {
+  static MHD_Result MayConnect(void* self, const sockaddr* address, socklen_t /*bytes*/) {
+    return static_cast<WebEndpoint*>(self)->HasRoomFor(NetworkOf(address)) ? MHD_YES : MHD_NO;
+  }
+
   static void Changed(void* self, MHD_Connection* connection, void** /*of_socket*/,
                       MHD_ConnectionNotificationCode what) {
     WebEndpoint& endpoint = *static_cast<WebEndpoint*>(self);
     const std::lock_guard lock(endpoint.mutex_);
     if (what == MHD_CONNECTION_NOTIFY_STARTED) {
-      endpoint.connections_[connection] = {SocketOf(connection), std::chrono::steady_clock::now()};
+      endpoint.connections_[connection] = {SocketOf(connection), NetworkOf(AddressOf(connection)),
+                                           std::chrono::steady_clock::now()};
     } else {
       endpoint.connections_.erase(connection);
     }
@@ -113,17 +118,25 @@ absl::StatusOr<std::unique_ptr<WebEndpoint>> WebEndpoint::Start(ServiceState& st
       new WebEndpoint(state, std::move(channel), socket->address, OriginRules(socket->address, *std::move(origins))));
   endpoint->daemon_ = MHD_start_daemon(
       MHD_USE_THREAD_PER_CONNECTION | MHD_USE_INTERNAL_POLLING_THREAD | MHD_USE_POLL | MHD_USE_ITC | MHD_USE_ERROR_LOG,
-      0, nullptr, nullptr, static_cast<MHD_AccessHandlerCallback>(&WebCallbacks::Answer), endpoint.get(),
-      MHD_OPTION_EXTERNAL_LOGGER, &LogHttp, nullptr, MHD_OPTION_LISTEN_SOCKET, socket->descriptor,
-      MHD_OPTION_CONNECTION_LIMIT, kMaxConnections, MHD_OPTION_CONNECTION_TIMEOUT, SecondsOf(options.stall_timeout_ms),
-      MHD_OPTION_CONNECTION_MEMORY_LIMIT, kConnectionBytes, MHD_OPTION_NOTIFY_COMPLETED, &WebCallbacks::Completed,
-      endpoint.get(), MHD_OPTION_NOTIFY_CONNECTION, &WebCallbacks::Changed, endpoint.get(), MHD_OPTION_END);
+      0, &WebCallbacks::MayConnect, endpoint.get(), static_cast<MHD_AccessHandlerCallback>(&WebCallbacks::Answer),
+      endpoint.get(), MHD_OPTION_EXTERNAL_LOGGER, &LogHttp, nullptr, MHD_OPTION_LISTEN_SOCKET, socket->descriptor,
+      MHD_OPTION_CONNECTION_LIMIT, kMaxWebConnections, MHD_OPTION_CONNECTION_TIMEOUT,
+      SecondsOf(options.stall_timeout_ms), MHD_OPTION_CONNECTION_MEMORY_LIMIT, kConnectionBytes,
+      MHD_OPTION_NOTIFY_COMPLETED, &WebCallbacks::Completed, endpoint.get(), MHD_OPTION_NOTIFY_CONNECTION,
+      &WebCallbacks::Changed, endpoint.get(), MHD_OPTION_END);
   if (endpoint->daemon_ == nullptr) {
     close(socket->descriptor);
     return absl::UnavailableError(absl::StrCat("cannot serve on ", options.web_listen));
   }
   endpoint->watch_ = std::make_unique<Periodic>(kWatchInterval, [it = endpoint.get()] { it->CloseSlowHeads(); });
   return endpoint;
+}
+
+bool WebEndpoint::HasRoomFor(const ClientNetwork& client) {
+  const uint32_t most = web_.state.options.web_connections_per_address;
+  const std::lock_guard lock(mutex_);
+  return most == 0 || std::count_if(connections_.begin(), connections_.end(),
+                                    [&](const auto& entry) { return entry.second.client == client; }) < ptrdiff_t{most};
 }
 
 void WebEndpoint::CloseSlowHeads() {

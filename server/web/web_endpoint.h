@@ -12,6 +12,7 @@
 
 #include "absl/status/statusor.h"
 #include "access/periodic.h"
+#include "web/http/client_network.h"
 #include "web/http/web_context.h"
 
 struct MHD_Daemon;
@@ -19,15 +20,13 @@ struct MHD_Connection;
 
 namespace voxelpipe {
 
-// HTTP/1.1 in plain text, one request a connection, each on a thread of its own.
+// HTTP/1.1 in plain text, one request a connection, each on a thread of its own: kMaxWebConnections at most.
 //   GET  /, /page.js, ...                            the page
 //   POST /voxelpipe.v1.VoxelizationService/METHOD    a call as gRPC-Web (frames.h)
 //   POST /file?format=NAME                           a result as a file (result_download.h)
 // A request must come from a page of this port or of an allowed origin, or from no page (origin_rules.h).
 class WebEndpoint {
  public:
-  static constexpr unsigned kMaxConnections = 128;
-
   // Serves state.options.web_listen. `channel`: of the server itself, in this process. Both must outlive the endpoint.
   // Errors: INVALID_ARGUMENT for invalid options, UNAVAILABLE if the address cannot be bound.
   static absl::StatusOr<std::unique_ptr<WebEndpoint>> Start(ServiceState& state,
@@ -47,11 +46,14 @@ class WebEndpoint {
   friend struct WebCallbacks;
   struct Connection {
     int socket;
+    ClientNetwork client;
     std::chrono::steady_clock::time_point opened;
     bool has_head = false;
   };
 
   WebEndpoint(ServiceState& state, std::shared_ptr<grpc::Channel> channel, std::string address, OriginRules origins);
+  // True if a client may open a further connection.
+  bool HasRoomFor(const ClientNetwork& client);
   // Closes connections whose head takes too long.
   void CloseSlowHeads();
 

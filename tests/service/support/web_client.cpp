@@ -44,11 +44,15 @@ std::string HttpReply::Header(const std::string& name) const {
   return "";
 }
 
-WebConnection::WebConnection(const std::string& address, int receive_buffer_bytes)
+WebConnection::WebConnection(const std::string& address, int receive_buffer_bytes, const std::string& from)
     : socket_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
   if (receive_buffer_bytes > 0) {
     setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &receive_buffer_bytes, sizeof receive_buffer_bytes);
   }
+  sockaddr_in own{};
+  own.sin_family = AF_INET;
+  inet_pton(AF_INET, from.c_str(), &own.sin_addr);
+  static_cast<void>(bind(socket_, reinterpret_cast<sockaddr*>(&own), sizeof own));
   sockaddr_in to{};
   to.sin_family = AF_INET;
   to.sin_port = htons(uint16_t(std::atoi(address.c_str() + address.rfind(':') + 1)));

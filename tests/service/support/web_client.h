@@ -22,10 +22,11 @@ struct HttpReply {
   std::string Header(const std::string& name) const;  // empty: absent
 };
 
-// A connection to "127.0.0.1:PORT".
+// A connection to "127.0.0.1:PORT", from "127.0.0.1" or another address of this machine.
 class WebConnection {
  public:
-  explicit WebConnection(const std::string& address, int receive_buffer_bytes = 0);
+  explicit WebConnection(const std::string& address, int receive_buffer_bytes = 0,
+                         const std::string& from = "127.0.0.1");
   ~WebConnection();
   WebConnection(const WebConnection&) = delete;
   WebConnection& operator=(const WebConnection&) = delete;

@@ -1,4 +1,5 @@
 // Who may use the page's port: pages of other origins, rebound names, tokens, addresses of clients, slow clients.
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -153,6 +154,28 @@ TEST_F(DoorTest, SlowClientsAreDisconnected) {
     return !head.Send("1");
   }));
   EXPECT_EQ(StatusOf("ListShaders", {}), 0);
+}
+
+TEST_F(DoorTest, OneAddressDoesNotTakeAllConnections) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const auto code = [&](const char* from) {
+    const WebConnection connection(web_, 0, from);
+    static_cast<void>(connection.Send(HttpRequest(web_, "GET", "/")));
+    return connection.ReadReply().code;
+  };
+  std::vector<std::unique_ptr<WebConnection>> idle;
+  for (int i = 0; i < 32; ++i) idle.push_back(std::make_unique<WebConnection>(web_));
+  EXPECT_EQ(code("127.0.0.1"), 0) << "closed without an answer";
+  EXPECT_EQ(code("127.0.0.2"), 200);
+  idle.pop_back();
+  EXPECT_TRUE(BecomesTrue([&] { return code("127.0.0.1") == 200; }));
+}
+
+TEST_F(DoorTest, TheConnectionsOfAProxyNeedNoLimit) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--web-connections-per-address", "0"}));
+  std::vector<std::unique_ptr<WebConnection>> idle;
+  for (int i = 0; i < 100; ++i) idle.push_back(std::make_unique<WebConnection>(web_));
+  EXPECT_EQ(CodeOf({}), 200);
 }
 
 TEST_F(DoorTest, HeadsOfAnySizeAreBounded) {
