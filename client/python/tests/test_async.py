@@ -75,6 +75,19 @@ def test_errors(server: LocalServer, closed_port: str) -> None:
     asyncio.run(run())
 
 
+def test_a_mesh_with_a_unit_is_kept_under_the_id_of_both(server: LocalServer) -> None:
+    plain = b"OFF 3 1 0\n0 0 0\n4 0 0\n0 4 0\n3 0 1 2\n"
+
+    async def run() -> None:
+        async with AsyncClient(server.server) as client:
+            mesh = voxelpipe.load_mesh(plain, unit="cm")
+            handle = await client.upload(mesh)
+            assert handle.mesh_id == mesh.mesh_id() != voxelpipe.load_mesh(plain).mesh_id()
+            assert (await client.voxelize(handle, voxel_size=0.01)).dims[0] == 4
+
+    asyncio.run(run())
+
+
 def test_a_cancelled_task_cancels_its_call(server: LocalServer) -> None:
     async def run() -> None:
         async with AsyncClient(server.server) as client:

@@ -313,7 +313,7 @@ class AsyncClient:
     async def _upload(self, file: MeshFile, timeout: float | None, reporter: Reporter) -> Any:
         request_id = new_request_id()
         metadata = self._options.metadata(request_id)
-        mesh_id = await asyncio.to_thread(file.sha256)
+        mesh_id = await asyncio.to_thread(file.mesh_id)
         method = self._open().stream_unary(SERVICE + "UploadMesh")
         requests = _as_async(upload_messages(file, mesh_id, reporter))
         try:
