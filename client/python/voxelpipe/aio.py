@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
-from typing import Any, AsyncIterable, AsyncIterator, Awaitable, Callable, Iterable, Sequence, TypeVar
+from typing import Any, AsyncIterable, AsyncIterator, Awaitable, Callable, Iterable, Iterator, Sequence, TypeVar
 
 from . import names
 from ._calls.grpc_module import grpc
@@ -22,11 +23,13 @@ from ._calls.session import (
     new_request_id,
     positions_file,
     upload_messages,
+    uploaded,
 )
 from ._calls.status import of_call
+from ._calls.wire import parsed
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from .client import MeshHandle
-from .errors import MeshNotFound, VoxelpipeError
+from .errors import MeshNotFound, ServerFailed, VoxelpipeError
 from .grid import VoxelGrid
 from .place import GridPlace
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
@@ -223,12 +226,12 @@ class AsyncClient:
     async def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
         """The server's description of a kept mesh: see Client.stored_mesh()."""
         request = service.GetMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
-        return StoredMesh.of(service.GetMeshResponse.FromString(await self._quick("GetMesh", request)).mesh)
+        return StoredMesh.of(parsed(service.GetMeshResponse, await self._quick("GetMesh", request)).mesh)
 
     async def delete_mesh(self, mesh: MeshHandle | str) -> int:
         """Releases this caller's claim on a mesh: see Client.delete_mesh()."""
         request = service.DeleteMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
-        return int(service.DeleteMeshResponse.FromString(await self._quick("DeleteMesh", request)).freed_bytes)
+        return int(parsed(service.DeleteMeshResponse, await self._quick("DeleteMesh", request)).freed_bytes)
 
     async def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
         """The plan of a request, without running it: see Client.estimate()."""
@@ -238,17 +241,17 @@ class AsyncClient:
         answer = await self._again(
             self._deadline(timeout), lambda left: self._unary("EstimateVoxelization", message, left)
         )
-        return Estimate.of(service.EstimateVoxelizationResponse.FromString(answer[0]))
+        return Estimate.of(parsed(service.EstimateVoxelizationResponse, answer[0]))
 
     async def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""
         answer = await self._quick("ListShaders", service.ListShadersRequest())
-        return [ShaderInfo.of(shader) for shader in service.ListShadersResponse.FromString(answer).shaders]
+        return [ShaderInfo.of(shader) for shader in parsed(service.ListShadersResponse, answer).shaders]
 
     async def server_info(self) -> ServerInfo:
         """Version, backends, devices and limits of the server."""
         answer = await self._quick("GetServerInfo", service.GetServerInfoRequest())
-        return ServerInfo.of(service.GetServerInfoResponse.FromString(answer))
+        return ServerInfo.of(parsed(service.GetServerInfoResponse, answer))
 
     # ---- calls ----
 
@@ -263,7 +266,7 @@ class AsyncClient:
             except VoxelpipeError as error:
                 await asyncio.sleep(retries.delay(error))
 
-    async def _quick(self, name: str, request: Any) -> bytes:
+    async def _quick(self, name: str, request: Any) -> bytes | None:
         data = request.SerializeToString()
         answer = await self._again(Deadline(_QUICK_S), lambda left: self._unary(name, data, left))
         return answer[0]
@@ -278,18 +281,29 @@ class AsyncClient:
                 self._channel = grpc.aio.secure_channel(self._options.server, credentials, settings)
         return self._channel
 
-    def _error(self, error: Any, request_id: str) -> VoxelpipeError:
-        text = error.details() or ""
-        return of_call(error.code().name, text, error.trailing_metadata(), self._options.server, request_id)
+    @contextlib.contextmanager
+    def _failures(self, request_id: str) -> Iterator[None]:
+        """Turns the failure of a call of gRPC into the error of its reason."""
+        try:
+            yield
+        except grpc.RpcError as error:
+            text = error.details() or ""
+            code, trailers = error.code().name, error.trailing_metadata()
+            raise of_call(code, text, trailers, self._options.server, request_id) from None
+        except KeyError as error:  # grpc.aio looks the code up in a table
+            raise ServerFailed(f"the server ended the call with the code {error}", request_id=request_id) from None
 
-    async def _unary(self, name: str, request: bytes, timeout: float | None) -> tuple[bytes, str]:
+    async def _received(self, call: Any, request_id: str) -> AsyncIterator[bytes]:
+        with self._failures(request_id):
+            async for message in call:
+                yield message
+
+    async def _unary(self, name: str, request: bytes, timeout: float | None) -> tuple[bytes | None, str]:
         request_id = new_request_id()
         metadata = self._options.metadata(request_id)
-        try:
+        with self._failures(request_id):
             answer = await self._open().unary_unary(SERVICE + name)(request, timeout=timeout, metadata=metadata)
-        except grpc.RpcError as error:
-            raise self._error(error, request_id) from None
-        return bytes(answer), request_id
+        return answer, request_id
 
     async def _voxelize(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
         request_id = new_request_id()
@@ -302,10 +316,8 @@ class AsyncClient:
             call = method(_as_async(job.messages(reporter)), timeout=timeout, metadata=metadata)
         reader = ResultReader(job.request, self._options.max_result_bytes, request_id, reporter)
         try:
-            async for message in call:
+            async for message in self._received(call, request_id):
                 reader.add_bytes(message)
-        except grpc.RpcError as error:
-            raise self._error(error, request_id) from None
         finally:
             call.cancel()  # without effect on a call that has ended
         return reader.finish()
@@ -316,11 +328,9 @@ class AsyncClient:
         mesh_id = await asyncio.to_thread(file.mesh_id)
         method = self._open().stream_unary(SERVICE + "UploadMesh")
         requests = _as_async(upload_messages(file, mesh_id, reporter))
-        try:
+        with self._failures(request_id):
             answer = await method(requests, timeout=timeout, metadata=metadata)
-        except grpc.RpcError as error:
-            raise self._error(error, request_id) from None
-        return service.UploadMeshResponse.FromString(answer)
+        return uploaded(answer, mesh_id)
 
 
 async def _as_async(items: Iterable[_Item]) -> AsyncIterator[_Item]:

@@ -14,7 +14,19 @@ from ._calls.grpc_module import grpc
 from ._calls.many import Many
 from ._calls.reader import ResultReader
 from ._calls.retry import Deadline, Retries
-from ._calls.session import Job, Options, Progress, Reporter, Tls, estimate_request, positions_file, upload_messages
+from ._calls.session import (
+    SMALL_BYTES,
+    Job,
+    Options,
+    Progress,
+    Reporter,
+    Tls,
+    estimate_request,
+    positions_file,
+    upload_messages,
+    uploaded,
+)
+from ._calls.wire import parsed
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .errors import DataLoss, MeshNotFound, VoxelpipeError
@@ -24,6 +36,8 @@ from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
 from .request import Request, ShaderLike, TargetLike, checked_timeout, make_request
 
 _QUICK_S = 10.0
+_MOST_MESSAGE_BYTES = 1 << 30  # protobuf takes less than 2 GiB
+_SMALL_RESULT_BYTES = 4 * SMALL_BYTES  # of all messages of a result that fits into one, with those of progress
 _Result = TypeVar("_Result")
 
 
@@ -76,7 +90,8 @@ class Client:
         for each call: sent as a bearer token; empty: the variable VOXELPIPE_TOKEN. Without TLS they go to this machine
         only, unless plaintext_token. tls: True for the system's certificates. timeout: seconds of a call, its retries
         included; None: no limit. retries: how often a call is made again if the server is busy or away: after the delay
-        that it asks for, else after up to 5 s. max_result_bytes: larger results are refused.
+        that it asks for, else after up to 5 s. max_result_bytes: results that take more memory here are refused; bits
+        that do not stay packed take a byte each.
         Errors: InvalidRequest.
         """
         if not (token or token_file):
@@ -256,7 +271,7 @@ class Client:
     def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
         """The server's description of a kept mesh. In: a handle or an id. Errors: MeshNotFound."""
         request = service.GetMeshRequest(mesh_id=_id_of(mesh))
-        return StoredMesh.of(service.GetMeshResponse.FromString(self._quick("GetMesh", request)).mesh)
+        return StoredMesh.of(parsed(service.GetMeshResponse, self._quick("GetMesh", request)).mesh)
 
     def delete_mesh(self, mesh: MeshHandle | str) -> int:
         """Releases this caller's claim on a mesh. Out: the bytes that the server frees; 0 if it keeps it for others.
@@ -264,7 +279,7 @@ class Client:
         Errors: MeshNotFound, PermissionDenied without a claim.
         """
         request = service.DeleteMeshRequest(mesh_id=_id_of(mesh))
-        return int(service.DeleteMeshResponse.FromString(self._quick("DeleteMesh", request)).freed_bytes)
+        return int(parsed(service.DeleteMeshResponse, self._quick("DeleteMesh", request)).freed_bytes)
 
     # ---- questions ----
 
@@ -279,30 +294,33 @@ class Client:
         answer = self._again(
             self._deadline(timeout), lambda left: self._connection.unary("EstimateVoxelization", message, left)[0]
         )
-        return Estimate.of(service.EstimateVoxelizationResponse.FromString(answer))
+        return Estimate.of(parsed(service.EstimateVoxelizationResponse, answer))
 
     def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""
         answer = self._quick("ListShaders", service.ListShadersRequest())
-        return [ShaderInfo.of(shader) for shader in service.ListShadersResponse.FromString(answer).shaders]
+        return [ShaderInfo.of(shader) for shader in parsed(service.ListShadersResponse, answer).shaders]
 
     def server_info(self) -> ServerInfo:
         """Version, backends, devices and limits of the server."""
         answer = self._quick("GetServerInfo", service.GetServerInfoRequest())
-        return ServerInfo.of(service.GetServerInfoResponse.FromString(answer))
+        return ServerInfo.of(parsed(service.GetServerInfoResponse, answer))
 
     # ---- calls ----
 
     def max_message_bytes(self) -> int:
-        """Of one request message; asked for once."""
+        """Of one request message; asked for once. Errors: DataLoss if no job fits into one."""
         if not self._max_message_bytes:
-            self._max_message_bytes = self.server_info().limits["max_message_bytes"]
+            most_bytes = self.server_info().limits["max_message_bytes"]
+            if most_bytes < SMALL_BYTES:
+                raise DataLoss(f"the server's answer: messages of at most {most_bytes} bytes")
+            self._max_message_bytes = min(most_bytes, _MOST_MESSAGE_BYTES)
         return self._max_message_bytes
 
     def _deadline(self, timeout: float | None) -> Deadline:
         return Deadline(self._connection.options.timeout if timeout is None else checked_timeout(timeout))
 
-    def _quick(self, name: str, request: Any) -> bytes:
+    def _quick(self, name: str, request: Any) -> bytes | None:
         data = request.SerializeToString()
         return self._again(Deadline(_QUICK_S), lambda left: self._connection.unary(name, data, left)[0])
 
@@ -327,7 +345,7 @@ class Client:
         if not job.small_result():
             call, request_id = self._connection.stream("VoxelizeMesh", request, timeout)
             return self._read(job, call, request_id, reporter, None)
-        responses, request_id = self._connection.responses("VoxelizeMesh", request, timeout)
+        responses, request_id = self._connection.responses("VoxelizeMesh", request, timeout, _SMALL_RESULT_BYTES)
         reader = self._reader(job.request, request_id, reporter)
         for response in responses:
             reader.add_bytes(response)
@@ -358,9 +376,7 @@ class Client:
         except VoxelpipeError:
             upload.raise_failure()
             raise
-        response: service.UploadMeshResponse = service.UploadMeshResponse.FromString(answer)
-        if response.mesh.mesh_id != mesh_id:
-            raise DataLoss(f"the server keeps the mesh {mesh_id} as {response.mesh.mesh_id}")
+        response = uploaded(answer, mesh_id)
         reporter("upload", 1.0, 0)
         return response
 

@@ -88,7 +88,7 @@ class TooLarge(VoxelpipeError):
 
 
 class Overloaded(VoxelpipeError):
-    """RESOURCE_EXHAUSTED: the server is busy. retry_after: seconds that it asks callers to wait."""
+    """RESOURCE_EXHAUSTED: the server is busy. retry_after: seconds that it asks callers to wait, 0 to 3600."""
 
     default_code = "RESOURCE_EXHAUSTED"
     retryable = True
@@ -160,7 +160,9 @@ class PermissionDenied(VoxelpipeError):
 
 
 class DataLoss(VoxelpipeError):
-    """DATA_LOSS: bytes were changed on their way: a CRC-32C, a SHA-256, an offset or a length does not match."""
+    """DATA_LOSS: bytes were changed on their way, or the server's answer is not valid: a CRC-32C, a SHA-256, an offset
+    or a length does not match; a message, a grid, a shape or a list cannot be.
+    """
 
     default_code = "DATA_LOSS"
 

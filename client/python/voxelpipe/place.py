@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, Sequence, Tuple
+from typing import Literal, Tuple
 
 import numpy
 import numpy.typing
@@ -84,11 +84,3 @@ class GridPlace:
         k, j, i = numpy.unravel_index(numpy.asarray(linear, numpy.int64), self.shape)
         ijk: numpy.typing.NDArray[numpy.int32] = numpy.stack([i, j, k], axis=-1).astype(numpy.int32)
         return ijk
-
-
-def place_of(dims: Sequence[int], origin: Sequence[float], voxel_size: Sequence[float]) -> GridPlace:
-    """From sequences of three."""
-    nx, ny, nz = (int(axis) for axis in dims)
-    ox, oy, oz = (float(axis) for axis in origin)
-    sx, sy, sz = (float(axis) for axis in voxel_size)
-    return GridPlace((nx, ny, nz), (ox, oy, oz), (sx, sy, sz))

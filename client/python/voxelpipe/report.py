@@ -2,11 +2,26 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import string
 from typing import Any
 
 from ._proto.voxelpipe.v1 import types_pb2 as types
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from .place import GridPlace, Vector, place_of
+from .errors import DataLoss
+from .place import GridPlace, Vector
+
+# The bounds of every server's grids and warnings.
+_MAX_AXIS = 1 << 20
+_MAX_VOXELS = 1 << 53
+_MAX_WARNINGS = 100
+_MAX_TEXT_CHARACTERS = 256
+
+_MESH_ID_DIGITS = 64
+
+
+def _broken(why: str) -> DataLoss:
+    return DataLoss(f"the server's answer: {why}")
 
 
 def _vector(message: types.Vec3) -> Vector:
@@ -33,14 +48,18 @@ class MeshWarning:
 
 
 def read_warnings(message: Any) -> tuple[MeshWarning, ...]:
-    """The warnings of a Summary, a StoredMesh or an estimate; a last one counts those that were left out."""
+    """The warnings of a Summary, a StoredMesh or an estimate; a last one counts those that were left out.
+
+    Those beyond what a server may send are left out too.
+    """
     listed = []
-    for warning in message.warnings:
+    for warning in message.warnings[:_MAX_WARNINGS]:
         known = warning.code in types.WarningCode.values()
         code = types.WarningCode.Name(warning.code).removeprefix("WARNING_CODE_").lower() if known else "unknown"
-        listed.append(MeshWarning(code, warning.place, warning.text))
-    if message.warnings_left_out:
-        listed.append(MeshWarning("left_out", "", f"{message.warnings_left_out} further warnings"))
+        listed.append(MeshWarning(code, warning.place[:_MAX_TEXT_CHARACTERS], warning.text[:_MAX_TEXT_CHARACTERS]))
+    left_out = message.warnings_left_out + len(message.warnings) - len(listed)
+    if left_out:
+        listed.append(MeshWarning("left_out", "", f"{left_out} further warnings"))
     return tuple(listed)
 
 
@@ -133,8 +152,18 @@ class Summary:
 
 
 def read_place(grid: types.Grid) -> GridPlace:
-    """The place of a result's or a plan's grid."""
-    return place_of((grid.dims.x, grid.dims.y, grid.dims.z), _vector(grid.origin), _vector(grid.voxel_size))
+    """The place of a result's or a plan's grid. Errors: DataLoss if no grid can be like that."""
+    dims = grid.dims.x, grid.dims.y, grid.dims.z
+    x, y, z = origin = _vector(grid.origin)
+    sx, sy, sz = size = _vector(grid.voxel_size)
+    if min(dims) < 1 or max(dims) > _MAX_AXIS:
+        raise _broken(f"a grid of {dims[0]} x {dims[1]} x {dims[2]} voxels")
+    if dims[0] * dims[1] * dims[2] > _MAX_VOXELS:
+        raise _broken("a grid beyond 2^53 voxels")
+    finite = math.isfinite(x) and math.isfinite(y) and math.isfinite(z)
+    if not (finite and 0 < sx < math.inf and 0 < sy < math.inf and 0 < sz < math.inf):
+        raise _broken("a grid whose voxel size is not positive or whose origin is not finite")
+    return GridPlace(dims, origin, size)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,7 +184,7 @@ class Estimate:
 
     @staticmethod
     def of(message: service.EstimateVoxelizationResponse) -> "Estimate":
-        """From the service's message."""
+        """From the service's message. Errors: DataLoss."""
         plan = message.plan
         known = plan.time_class in service.TimeClass.values()
         time_class = service.TimeClass.Name(plan.time_class).removeprefix("TIME_CLASS_").lower() if known else ""
@@ -273,7 +302,9 @@ class StoredMesh:
 
     @staticmethod
     def of(message: service.StoredMesh) -> "StoredMesh":
-        """From the service's message."""
+        """From the service's message. Errors: DataLoss."""
+        if len(message.mesh_id) != _MESH_ID_DIGITS or not all(digit in string.hexdigits for digit in message.mesh_id):
+            raise _broken(f"{message.mesh_id[:_MESH_ID_DIGITS]!r} names no mesh")
         return StoredMesh(
             message.mesh_id,
             message.file_bytes,

@@ -20,6 +20,7 @@ _UNSAFE = (
     "before the first call"
 )
 _FORK_WAIT_S = 5.0  # gRPC itself waits as long
+_RESPONSE_BYTES = 64  # of memory that a response takes besides its own
 # Calls do not begin while this process forks: gRPC stands that only between calls.
 _gate = threading.Condition()
 _forking = False
@@ -102,13 +103,41 @@ class Connection:
         credentials = grpc.ssl_channel_credentials(*self.options.tls_files())
         return grpc.secure_channel(self.options.server, credentials, settings)
 
-    def unary(self, name: str, request: bytes, timeout: float | None) -> tuple[bytes, str]:
-        """A unary call. Out: the response and the call's id. Errors: VoxelpipeError by the call's code."""
-        return self._blocking("unary_unary", name, request, timeout, bytes)
+    def unary(self, name: str, request: bytes, timeout: float | None) -> tuple[bytes | None, str]:
+        """A unary call. Out: the response and the call's id; None: it ended well, and without any.
 
-    def responses(self, name: str, request: bytes, timeout: float | None) -> tuple[list[bytes], str]:
-        """A call with few and small responses. Out: all of them, and the call's id. Errors: as of unary."""
-        return self._blocking("unary_stream", name, request, timeout, list)
+        Errors: VoxelpipeError by the call's code.
+        """
+
+        def read(response: Any) -> Any:
+            return response
+
+        return self._blocking("unary_unary", name, request, timeout, read)
+
+    def responses(self, name: str, request: bytes, timeout: float | None, most_bytes: int) -> tuple[list[bytes], str]:
+        """A call with few and small responses. Out: all of them, and the call's id.
+
+        Errors: as of unary; DataLoss if they have more than most_bytes.
+        """
+        left = most_bytes
+
+        def read(call: Any) -> list[bytes]:
+            nonlocal left
+            taken = []
+            for response in call:
+                left -= len(response) + _RESPONSE_BYTES
+                if left < 0:
+                    call.cancel()
+                    break
+                taken.append(response)
+            return taken
+
+        taken, request_id = self._blocking("unary_stream", name, request, timeout, read)
+        if left < 0:
+            raise errors.DataLoss(
+                f"the server's result: more than {most_bytes} bytes for a small one", request_id=request_id
+            )
+        return taken, request_id
 
     def _blocking(
         self, kind: str, name: str, request: bytes, timeout: float | None, read: Callable[[Any], _Read]
@@ -157,14 +186,15 @@ class Connection:
         method = self._method("unary_stream" if isinstance(requests, bytes) else "stream_stream", name)
         return self._watched(lambda: method(requests, timeout=timeout, metadata=metadata)), request_id
 
-    def upload(self, name: str, requests: Iterator[bytes], timeout: float | None) -> tuple[bytes, str]:
-        """A call with a stream of requests and one response."""
+    def upload(self, name: str, requests: Iterator[bytes], timeout: float | None) -> tuple[bytes | None, str]:
+        """A call with a stream of requests and one response. Out: as of unary."""
         request_id = new_request_id()
         method = self._method("stream_unary", name)
         metadata = self.options.metadata(request_id)
         call = self._watched(lambda: method.future(requests, timeout=timeout, metadata=metadata))
         try:
-            return bytes(call.result()), request_id
+            response: bytes | None = call.result()
+            return response, request_id
         except (grpc.RpcError, grpc.FutureCancelledError) as error:
             raise self.error(error, request_id) from None
         except BaseException:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Iterable, Iterator
 
 from .._mesh.forms import MeshFile, load_mesh
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ..errors import DeadlineExceeded, InvalidMesh, MeshNotFound, VoxelpipeError
+from ..errors import DataLoss, DeadlineExceeded, InvalidMesh, MeshNotFound, VoxelpipeError
 from ..grid import VoxelGrid
 from ..request import Request
 from .connection import Connection
@@ -18,7 +18,7 @@ from .grpc_module import grpc
 from .reader import ResultReader
 from .session import Job
 from .status import of_status
-from .wire import joined_jobs
+from .wire import joined_jobs, parsed
 
 if TYPE_CHECKING:
     from ..client import Client
@@ -137,6 +137,7 @@ class Many:
         self._timeout = timeout
         self._waiting: dict[int, _Waiting] = {}
         self._done: dict[int, VoxelGrid | VoxelpipeError] = {}
+        self._refused: set[int] = set()  # jobs whose result was refused before its end: more of it may come
         self._call: Any = None
         self._clock = _Clock()
         self._watch: _Watch | None = None
@@ -220,10 +221,13 @@ class Many:
         self._call = None
 
     def _receive(self) -> None:
-        """Takes one response. If the stream has failed, its jobs are made as single calls, with their retries."""
+        """Takes one response. If the stream has failed, its jobs are made as single calls, with their retries.
+
+        If a response belongs to no job, all that wait have that as their error.
+        """
         self._clock.start()
         try:
-            response = service.VoxelizeManyResponse.FromString(next(self._call))
+            data = next(self._call)
         except (grpc.RpcError, grpc.FutureCancelledError, StopIteration):
             self._end()
             now = self._clock.now()
@@ -236,21 +240,31 @@ class Many:
             return
         finally:
             self._clock.stop()
-        for one in [response, *response.more]:
-            self._take(one)
+        try:
+            response = parsed(service.VoxelizeManyResponse, data)
+            self._take(response)
+            for one in response.more:
+                self._take(one)
+        except DataLoss as error:
+            self._end()
+            self._done.update((number, error) for number in self._waiting)
+            self._waiting.clear()
 
     def _take(self, response: Any) -> None:
+        """Errors: DataLoss if the response belongs to no job; those of the job itself are its result."""
         number = response.id
         waiting = self._waiting.get(number)
         if waiting is None:
-            return
+            if number in self._refused:
+                return
+            raise DataLoss(f"the server's answer: to job {number}, which waits for none", request_id=self._request_id)
+        which = response.WhichOneof("answer")
         try:
-            which = response.WhichOneof("answer")
             if which == "whole":
                 waiting.reader.add_whole(response.whole)
             elif which == "part":
                 waiting.reader.add(response.part)
-                if response.part.WhichOneof("message") != "summary":
+                if not waiting.reader.complete:
                     return
             elif which == "error":
                 error = of_status(response.error, self._connection.options.server, self._request_id)
@@ -263,6 +277,8 @@ class Many:
             self._done[number] = waiting.reader.finish()
         except VoxelpipeError as error:
             self._done[number] = error
+            if which == "part":
+                self._refused.add(number)
         self._waiting.pop(number, None)
 
     def _alone(self, number: int) -> None:

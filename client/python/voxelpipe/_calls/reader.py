@@ -18,20 +18,20 @@ from ..report import Summary, read_place, read_warnings
 from ..request import Request
 from ..targets import DTYPES
 from .crc32c import crc32c
-from .wire import Piece, read_piece
+from .destination import LIST_DTYPES, Destination, memory_bytes, wire_bytes
+from .wire import Piece, parsed, read_piece
 
 Report = Callable[[str, float, int], None]
 
 _MAX_RAW_BYTES = 64 << 20  # of one compressed piece
-_MAX_AXIS = 1 << 40
+_MAX_FRAGMENTS = 1 << 53
+_MAX_DIMENSIONS = 4  # nz, ny, nx, components
 _BRICKS_AT_ONCE = 1 << 14
 _KINDS = {types.RESULT_KIND_DENSE: "dense", types.RESULT_KIND_SPARSE: "sparse", types.RESULT_KIND_BUCKETS: "buckets"}
 _LISTS = {"dense": (), "sparse": ("brick", "mask"), "buckets": ("voxel", "offset", "triangle")}
 _LIST_TYPES = {"brick": "u64", "mask": "u8", "voxel": "u64", "offset": "u64", "triangle": "u32"}
-_LIST_DTYPES: dict[str, numpy.dtype[Any]] = {
-    "u64": numpy.dtype("<u8"),
-    "u32": numpy.dtype("<u4"),
-    "u8": numpy.dtype("u1"),
+_ELEMENTS: dict[int, str] = {
+    value: name.removeprefix("ELEMENT_TYPE_").lower() for name, value in types.ElementType.items()
 }
 _DEVICE_DTYPES = {**DTYPES, "bit": numpy.dtype("u1")}  # bits stay eight a byte
 
@@ -44,41 +44,13 @@ def _lost(why: str) -> DataLoss:
 
 def _taken_over(element: str, shape: tuple[int, ...], unpack: bool, data: Array) -> Array:
     """A flat array of bytes as what it is, without a copy but of bits that become bools. Errors: DataLoss."""
-    if data.nbytes != _wire_bytes(element, shape):
+    if data.nbytes != wire_bytes(element, shape):
         raise _lost(f"an array of {data.nbytes} bytes, {element} of shape {shape}")
     if element == "bit":
         count = math.prod(shape)
         bits = numpy.unpackbits(data, count=count, bitorder="little") if unpack else data
         return bits.view(numpy.bool_).reshape(shape) if unpack else data
-    return data.view(_LIST_DTYPES.get(element) or DTYPES[element]).reshape(shape)
-
-
-class _Destination:
-    """An array that is being filled. In: its shape in elements, and whether bits become bools."""
-
-    def __init__(self, element: str, shape: tuple[int, ...], unpack: bool) -> None:
-        count = 1
-        for axis in shape:
-            count *= axis
-        self._bits = count if element == "bit" and unpack else None
-        if element == "bit":
-            self.wire_bytes = (count + 7) // 8
-            self.array: Array = numpy.empty(shape, numpy.bool_) if unpack else numpy.empty(self.wire_bytes, numpy.uint8)
-        else:
-            dtype: numpy.dtype[Any] = _LIST_DTYPES.get(element) or DTYPES[element]
-            self.wire_bytes = count * dtype.itemsize
-            self.array = numpy.empty(shape, dtype)
-        self._bytes: Array = self.array.reshape(-1).view(numpy.uint8)
-
-    def write(self, offset: int, data: Any) -> None:
-        """Puts bytes of the stream at a byte of it."""
-        incoming = numpy.frombuffer(data, numpy.uint8)
-        if self._bits is None:
-            self._bytes[offset : offset + len(incoming)] = incoming
-            return
-        first = offset * 8
-        count = min(len(incoming) * 8, self._bits - first)
-        self._bytes[first : first + count] = numpy.unpackbits(incoming, count=count, bitorder="little")
+    return data.view(LIST_DTYPES.get(element) or DTYPES[element]).reshape(shape)
 
 
 class ResultReader:
@@ -93,9 +65,10 @@ class ResultReader:
         self._kind = ""
         self._header = b""
         self._names: list[str] = []
-        self._arrays: list[_Destination] = []
+        self._arrays: list[Destination] = []
         self._array = self._offset = self._received = self._total = 0
         self._values = 0  # of sparse results, as announced
+        self._planned = False
         self._summary: service.Summary | None = None
         self._hash = hashlib.sha256() if request.content_hash else None
 
@@ -105,17 +78,20 @@ class ResultReader:
         if piece is not None:
             self._add_piece(piece)
             return
-        try:
-            response = service.VoxelizeResponse.FromString(message)
-        except Exception as error:  # protobuf's DecodeError, which has no public base
-            raise _lost("a message that cannot be read") from error
-        self.add(response)
+        self.add(parsed(service.VoxelizeResponse, message))
+
+    @property
+    def complete(self) -> bool:
+        """True if the summary has come, the last message of a result."""
+        return self._summary is not None
 
     def add(self, response: service.VoxelizeResponse) -> None:
         """A VoxelizeResponse. Errors: DataLoss, TooLarge."""
         which = response.WhichOneof("message")
-        if which == "progress" and self._report:
-            self._report(response.progress.stage, response.progress.fraction, self._received)
+        if which == "accepted":
+            self._add_plan(response.accepted)
+        elif which == "progress":
+            self._add_progress(response.progress)
         elif which == "header":
             self._add_header(response.header)
         elif which == "piece":
@@ -127,6 +103,8 @@ class ResultReader:
 
     def add_whole(self, whole: service.WholeResult) -> None:
         """A small result in one message. Errors: DataLoss, TooLarge."""
+        if whole.HasField("accepted"):
+            self._add_plan(whole.accepted)
         self._add_header(whole.header)
         for piece in whole.pieces:
             self._add_message_piece(piece)
@@ -145,7 +123,7 @@ class ResultReader:
     def taken_on_device(self, header: bytes, buffers: Sequence[Any], summary: bytes) -> DeviceGrid:
         """A dense result whose arrays are voxelpipe_core.DeviceBuffer objects. Errors: DataLoss."""
         specs = self._read_header(service.ResultHeader.FromString(header))
-        if [buffer.size for buffer in buffers] != [_wire_bytes(element, shape) for element, shape in specs]:
+        if [buffer.size for buffer in buffers] != [wire_bytes(element, shape) for element, shape in specs]:
             raise _lost("arrays of other sizes than announced")
         assert self._place is not None
         message = service.Summary.FromString(summary)
@@ -186,59 +164,70 @@ class ResultReader:
             _header=self._header,
         )
 
+    def _add_plan(self, plan: service.VoxelizationPlan) -> None:
+        if self._planned:
+            raise _lost("a second plan")
+        read_place(plan.grid)
+        self._planned = True
+
+    def _add_progress(self, progress: service.Progress) -> None:
+        if math.isnan(progress.fraction):
+            raise _lost("a progress that is no number")
+        if self._report:
+            self._report(progress.stage, progress.fraction, self._received)
+
     def _add_header(self, header: service.ResultHeader) -> None:
         specs = self._read_header(header)
         self._header = header.SerializeToString()
         unpack = not self._request.packed_bits
-        self._arrays = [_Destination(element, shape, unpack) for element, shape in specs]
+        self._arrays = [Destination(element, shape, unpack) for element, shape in specs]
 
     def _read_header(self, header: service.ResultHeader) -> list[tuple[str, tuple[int, ...]]]:
         """Element and shape of each array. Errors: DataLoss, TooLarge."""
         if self._place is not None:
             raise _lost("a second header")
         place = read_place(header.grid)
-        if not all(0 < axis <= _MAX_AXIS for axis in place.dims):
-            raise _lost(f"its dims are {place.dims}")
         self._check_grid(place)
         wanted = self._request.config.result or types.RESULT_KIND_DENSE
         if header.kind != wanted:
             raise _lost(f"a result of kind {header.kind}, requested was {wanted}")
+        layout = self._request.config.layout or types.LAYOUT_INTERLEAVED
+        if header.layout != layout:
+            raise _lost(f"a result of layout {header.layout}, requested was {layout}")
         self._kind = _KINDS[wanted]
         specs = self._expected(header, place)
-        self._total = sum(_wire_bytes(element, shape) for element, shape in specs)
-        if self._total > self._max_result_bytes:
+        self._total = sum(wire_bytes(element, shape) for element, shape in specs)
+        unpack = not self._request.packed_bits
+        needed = sum(memory_bytes(element, shape, unpack) for element, shape in specs)
+        if needed > self._max_result_bytes:
             raise TooLarge(
-                f"the result has {self._total} bytes, this client takes {self._max_result_bytes} (max_result_bytes)",
-                need_bytes=self._total,
+                f"the result has {needed} bytes in memory, this client takes {self._max_result_bytes} "
+                "(max_result_bytes)",
+                need_bytes=needed,
                 limit_bytes=self._max_result_bytes,
             )
         self._place = place
         return specs
 
     def _expected(self, header: service.ResultHeader, place: GridPlace) -> list[tuple[str, tuple[int, ...]]]:
-        """Element and shape of each array, checked against the request."""
-        names = [*_LISTS[self._kind], *(f"target{i}" for i in range(len(self._request.targets)))]
-        if [array.name for array in header.arrays] != names:
-            raise _lost(
-                f"its arrays are {', '.join(array.name for array in header.arrays)}; expected {', '.join(names)}"
-            )
-        shapes = [tuple(int(axis) for axis in array.shape) for array in header.arrays]
-        if any(axis > 1 << 48 for shape in shapes for axis in shape):
-            raise _lost("an array is larger than any memory")
-        elements = [_element(array.element_type) for array in header.arrays]
+        """Element and shape of each array, checked against the request and the grid."""
         lists = _LISTS[self._kind]
-        for i, name in enumerate(lists):
-            expected = {"mask": (shapes[0][0], 64), "offset": (shapes[0][0] + 1,)}.get(name, shapes[i][:1])
-            if elements[i] != _LIST_TYPES[name] or shapes[i] != expected:
-                raise _lost(f"its array {name} is {elements[i]} of shape {shapes[i]}")
+        names = [*lists, *(f"target{i}" for i in range(len(self._request.targets)))]
+        if len(header.arrays) != len(names):
+            raise _lost(f"{len(header.arrays)} arrays instead of {len(names)}")
+        for name, array in zip(names, header.arrays):
+            if array.name != name:
+                raise _lost(f"an array that is not '{name}' in its place")
+            if not 1 <= len(array.shape) <= _MAX_DIMENSIONS:
+                raise _lost(f"its array {name} has a shape of {len(array.shape)} numbers")
+        elements = [_element(array.element_type) for array in header.arrays]
+        shapes = [tuple(int(axis) for axis in array.shape) for array in header.arrays]
         planar = self._request.config.layout == types.LAYOUT_PLANAR
-        if self._kind == "dense":
-            base: tuple[int, ...] = place.shape
-        elif self._kind == "buckets":
-            base = shapes[2]
-        else:
-            base = shapes[2][-1:] if planar else shapes[2][:1]
-        self._values = base[0] if base else 0
+        *listed, base = _counted(self._kind, shapes, planar, place)
+        for i, name in enumerate(lists):
+            if elements[i] != _LIST_TYPES[name] or shapes[i] != listed[i]:
+                raise _lost(f"its array {name} is {elements[i]} of shape {shapes[i]}")
+        self._values = base[0]
         for i, target in enumerate(self._request.targets):
             element, shape = elements[len(lists) + i], shapes[len(lists) + i]
             extra = [shape[0] if planar else shape[-1]] if len(shape) == len(base) + 1 else []
@@ -302,6 +291,8 @@ class ResultReader:
     def _add_summary(self, summary: service.Summary) -> None:
         if self._place is None:
             raise _lost("a summary before the header")
+        if self._summary is not None:
+            raise _lost("a second summary")
         if self._received != self._total:
             raise _lost(f"it ended after {self._received} of {self._total} bytes")
         if self._hash and self._hash.hexdigest() != summary.content_sha256:
@@ -310,18 +301,34 @@ class ResultReader:
 
 
 def _element(element: int) -> str:
-    if element not in types.ElementType.values():
+    if element not in _ELEMENTS:
         raise _lost(f"an array of the unknown type {element}")
-    return str(types.ElementType.Name(element)).removeprefix("ELEMENT_TYPE_").lower()
+    return _ELEMENTS[element]
 
 
-def _wire_bytes(element: str, shape: tuple[int, ...]) -> int:
-    count = 1
-    for axis in shape:
-        count *= axis
-    if element == "bit":
-        return (count + 7) // 8
-    return count * {"u8": 1, "u16": 2, "f16": 2, "u32": 4, "f32": 4, "u64": 8}.get(element, 8)
+def _counted(kind: str, shapes: list[tuple[int, ...]], planar: bool, place: GridPlace) -> list[tuple[int, ...]]:
+    """The shapes of the lists, and that of a target without components. In: the announced shapes, none of them empty.
+
+    The server chooses the lengths of lists, within what the grid can hold. Errors: DataLoss.
+    """
+    if kind == "dense":
+        return [place.shape]
+    if kind == "sparse":
+        bricks, voxels = shapes[0][0], shapes[2][-1 if planar else 0]
+        most = math.prod((axis + 7) // 8 for axis in place.dims)
+        if bricks > most:
+            raise _lost(f"{bricks} bricks in a grid of {most}")
+        if not bricks <= voxels <= 512 * bricks:
+            raise _lost(f"{voxels} voxels in {bricks} bricks")
+        counted: list[tuple[int, ...]] = [(bricks,), (bricks, 64), (voxels,)]
+    else:
+        voxels, fragments = shapes[0][0], shapes[2][0]
+        if not voxels <= fragments <= _MAX_FRAGMENTS:
+            raise _lost(f"{fragments} fragments in {voxels} voxels")
+        counted = [(voxels,), (voxels + 1,), (fragments,), (fragments,)]
+    if voxels > place.voxels:
+        raise _lost(f"{voxels} voxels listed in a grid of {place.voxels}")
+    return counted
 
 
 def _decompressed(data: memoryview, raw_bytes: int) -> bytes:
@@ -332,7 +339,7 @@ def _decompressed(data: memoryview, raw_bytes: int) -> bytes:
     try:
         if zstandard.frame_content_size(data) != raw_bytes:
             raise _lost("a compressed piece that is not one zstd frame of the announced size")
-        result = zstandard.ZstdDecompressor().decompress(data, max_output_size=raw_bytes)
+        result = zstandard.ZstdDecompressor().decompress(data, max_output_size=raw_bytes, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise _lost("a compressed piece is broken") from error
     if len(result) != raw_bytes:

@@ -12,7 +12,8 @@ import numpy
 from .._mesh.forms import MeshFile
 from .._mesh.glb import as_numpy
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ..errors import InvalidRequest
+from ..errors import DataLoss, InvalidRequest
+from ..report import StoredMesh
 from ..request import Request
 from . import wire as _wire
 from .crc32c import crc32c
@@ -77,6 +78,7 @@ class Options:
             ("grpc.keepalive_timeout_ms", 15000),
             ("grpc.http2.max_pings_without_data", 0),
             ("grpc.enable_retries", 0),  # this package's own keep to RetryInfo
+            ("grpc.compression_enabled_algorithms_bitset", 1),  # none: a message takes the memory that was received
             ("SingleThreadedUnaryStream", 1),  # the sync channel's own; a thread a call would halve small calls
         ]
         if self.server.startswith(_LOOPBACK):
@@ -194,6 +196,15 @@ def upload_messages(file: MeshFile, mesh_id: str, report: "Reporter") -> Iterato
         report("upload", at / len(file.data), 0)
         piece = file.data[at : at + _wire.UPLOAD_PIECE_BYTES]
         yield _wire.write_piece(piece, field.PIECE_FIELD_NUMBER, field.CRC32C_FIELD_NUMBER)
+
+
+def uploaded(answer: bytes | None, mesh_id: str) -> service.UploadMeshResponse:
+    """The answer to an upload. In: the mesh's id. Errors: DataLoss if it is none, or of another mesh."""
+    response: service.UploadMeshResponse = _wire.parsed(service.UploadMeshResponse, answer)
+    kept = StoredMesh.of(response.mesh).mesh_id
+    if kept != mesh_id:
+        raise DataLoss(f"the server keeps the mesh {mesh_id} as {kept}")
+    return response
 
 
 def estimate_request(request: Request, file: MeshFile | None, mesh_id: str) -> bytes:

@@ -1,14 +1,18 @@
 """From a failed call to the error of its reason. Sources: google/rpc/error_details.proto; gRPC's status trailers."""
 from __future__ import annotations
 
+import math
 from typing import Any, Iterable
 
 from .. import errors
 from .._proto.google.rpc import error_details_pb2 as details_pb2
 from .._proto.google.rpc import status_pb2
+from .wire import parsed
 
 _DETAILS = "grpc-status-details-bin"
 _PUSHBACK = "grpc-retry-pushback-ms"
+_MAX_DELAY_S = 3600.0  # a server's delay counts as at most this
+_MAX_NUMBER_DIGITS = 20  # of 64 bits
 _MESH_FORMATS = ("glTF", "GLB", "Draco", "STL", "PLY", "OFF", "OBJ", "3MF")
 _MESH_PLACES = (*_MESH_FORMATS, "mesh", "buffer", "accessor", "image", "node")
 _BY_CODE: dict[str, type[errors.VoxelpipeError]] = {
@@ -44,12 +48,12 @@ def of_call(
     for key, value in trailers or ():
         if key == _DETAILS and isinstance(value, bytes):
             try:
-                status = status_pb2.Status.FromString(value)
-            except Exception:  # protobuf's DecodeError: then the code and the text have to do
+                status = parsed(status_pb2.Status, value)
+            except errors.DataLoss:  # then the code and the text have to do
                 continue
         elif key == _PUSHBACK:
             try:
-                pushback = max(0.0, float(value) / 1000)
+                pushback = float(value) / 1000
             except ValueError:
                 continue
     return _made(code, message, status, pushback, target, request_id)
@@ -57,6 +61,8 @@ def of_call(
 
 def of_status(status: Any, target: str, request_id: str) -> errors.VoxelpipeError:
     """In: the serialized google.rpc.Status of one job of a stream."""
+    if status.code == 0:
+        return errors.DataLoss("the server's answer: an error of the code OK", request_id=request_id)
     code = _NAMES[status.code] if 0 <= status.code < len(_NAMES) else "UNKNOWN"
     return _made(code, status.message, status, None, target, request_id)
 
@@ -68,12 +74,17 @@ def _made(
     for detail in status.details:
         for kind in _DETAIL_KINDS:
             if detail.type_url.rpartition("/")[2] == kind.DESCRIPTOR.full_name:
-                found[kind.__name__] = kind.FromString(detail.value)
+                try:
+                    found[kind.__name__] = parsed(kind, detail.value)
+                except errors.DataLoss:  # as if it were not there
+                    continue
     common: dict[str, Any] = {"code": code, "request_id": request_id}
     delay = pushback
     if "RetryInfo" in found:
         retry = found["RetryInfo"].retry_delay
         delay = retry.seconds + retry.nanos / 1e9
+    if delay is not None:
+        delay = min(max(0.0, delay), _MAX_DELAY_S)
     if code == "INVALID_ARGUMENT":
         violations = found["BadRequest"].field_violations if "BadRequest" in found else []
         field = violations[0].field if violations else ""
@@ -100,12 +111,13 @@ def _too_large(message: str, info: Any, common: dict[str, Any]) -> errors.TooLar
 
     def number(key: str) -> int | None:
         text = metadata.get(key, "")
-        return int(text) if text.isdecimal() else None
+        return int(text) if text.isdecimal() and len(text) <= _MAX_NUMBER_DIGITS else None
 
     size: tuple[float, float, float] | None = None
     try:
         x, y, z = (float(part) for part in metadata.get("smallest_voxel_size", "").split(","))
-        size = (x, y, z)
+        if all(0 < axis < math.inf for axis in (x, y, z)):
+            size = (x, y, z)
     except ValueError:
         pass
     return errors.TooLarge(

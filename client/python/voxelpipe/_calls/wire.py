@@ -1,4 +1,6 @@
-"""The two messages that carry bulk bytes, encoded and decoded by hand: protobuf would copy them once more.
+"""From bytes to messages and back.
+
+The two that carry bulk bytes are encoded and decoded by hand: protobuf would copy them once more.
 
 Source: the Protocol Buffers encoding (protobuf.dev/programming-guides/encoding).
 """
@@ -6,8 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import struct
+from typing import Any
 
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from ..errors import DataLoss
 from .crc32c import crc32c
 
 UPLOAD_PIECE_BYTES = 1 << 20
@@ -35,6 +39,21 @@ class Piece:
     data: memoryview
     crc32c: int
     raw_bytes: int
+
+
+def parsed(kind: Any, data: bytes | None) -> Any:
+    """The message of a class that a server's bytes hold. In: None: the call ended without any. Errors: DataLoss."""
+    if data is None:
+        raise DataLoss("the server's answer: it has no message")
+    message = kind()
+    failure: Exception | None = None
+    try:
+        whole = message.MergeFromString(data) == len(data)  # the end of a group that did not begin: a warning only
+    except Exception as error:  # protobuf's DecodeError has no public base; pure Python: UnicodeDecodeError too
+        whole, failure = False, error
+    if not whole:
+        raise DataLoss("the server's answer: a message that cannot be read") from failure
+    return message
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
