@@ -7,6 +7,7 @@
 #include "many_call.h"
 #include "mesh_calls.h"
 #include "raw_calls.h"
+#include "reply/checked_lists.h"
 #include "retry.h"
 #include "voxelize_call.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
@@ -73,9 +74,13 @@ struct Client::Impl {
   absl::StatusOr<RemoteRun> VoxelizeTo(const MeshSource& mesh, const VoxelizeRequest& request, const JobContext& job,
                                        ResultSink& sink, const OnPlan& on_plan) {
     WatchedSink watched(sink);
-    const auto attempt = [&] {
-      return CallVoxelizeTo(*raw, target, options.max_result_bytes, options.settings, mesh, request, job, watched,
-                            on_plan);
+    const auto attempt = [&]() -> absl::StatusOr<RemoteRun> {
+      CheckedLists checked(watched);
+      absl::StatusOr<RemoteRun> run = CallVoxelizeTo(*raw, target, options.max_result_bytes, options.settings, mesh,
+                                                     request, job, checked, on_plan);
+      if (!run.ok()) return run;
+      if (absl::Status s = checked.Finish(); !s.ok()) return s;
+      return run;
     };
     return CallWithRetries(options.retries, job, attempt, [&] { return !watched.used(); });
   }

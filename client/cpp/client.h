@@ -145,10 +145,11 @@ class Client {
                                         const VoxelizeRequest& request, const JobContext& job,
                                         const std::function<void(const Plan&)>& on_plan = {});
 
-  // The same for a result that need not fit into memory: `sink` receives it as it arrives, on the calling thread; its
+  // The same for a result that need not fit into memory: `sink` receives it as it arrives, on the calling thread; the
+  // lists of a sparse or bucketed result are kept in memory until all of them are there and agree. The sink's
   // errors end the call and are returned. The call is not repeated once the sink has received anything. The SHA-256 is
   // checked only after all bytes were written, so they are valid only if this returns OK (each piece has passed its
-  // CRC-32C). The consistency of the lists of sparse and bucketed results is not checked. Sink::Keep is not called.
+  // CRC-32C). Sink::Keep is not called.
   absl::StatusOr<RemoteRun> VoxelizeTo(std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                        const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                        const std::function<void(const Plan&)>& on_plan = {});

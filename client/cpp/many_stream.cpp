@@ -32,6 +32,8 @@ struct Unanswered {
       case v1::VoxelizeResponse::kHeader: return reader.AddHeader(part.header());
       case v1::VoxelizeResponse::kPiece: return reader.AddPiece(part.piece());
       case v1::VoxelizeResponse::kSummary: return reader.AddSummary(part.summary());
+      case v1::VoxelizeResponse::kWhole:
+        return absl::DataLossError("the server's result: a whole result as a part of one");
       default: return absl::OkStatus();  // a plan, or a message of a newer server
     }
   }
@@ -111,6 +113,9 @@ struct ManyStream::Impl {
     ManyAnswer answer;
     answer.id = message.id();
     if (message.has_error()) {
+      if (message.error().code() == int(grpc::StatusCode::OK)) {
+        return absl::DataLossError("the server's answer: an error of the code OK");
+      }
       answer.result = FromGrpcStatus(grpc::Status(grpc::StatusCode(message.error().code()), message.error().message(),
                                                   message.error().SerializeAsString()));
     } else if (message.has_whole()) {

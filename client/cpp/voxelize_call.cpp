@@ -3,6 +3,7 @@
 #include "voxelize_call.h"
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -110,6 +111,9 @@ absl::Status Take(const v1::VoxelizeResponse& message, ResultReader& reader, boo
   switch (message.message_case()) {
     case v1::VoxelizeResponse::kAccepted: return TellPlan(message.accepted(), planned, on_plan);
     case v1::VoxelizeResponse::kProgress:
+      if (std::isnan(message.progress().fraction())) {
+        return absl::DataLossError("the server's result: a progress that is no number");
+      }
       reporter.Report(message.progress().stage(), message.progress().fraction());
       return absl::OkStatus();
     case v1::VoxelizeResponse::kHeader: return reader.AddHeader(message.header());

@@ -1,6 +1,8 @@
 #include "wire/status.h"
 
+#include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <string>
 
 #include "absl/strings/cord.h"
@@ -12,6 +14,8 @@
 
 namespace voxelpipe {
 namespace {
+
+using std::chrono::milliseconds;
 
 constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
 constexpr char kQuotaSubjectUrl[] = "voxelpipe/quota_subject";
@@ -26,7 +30,8 @@ constexpr char kNotAvailable[] = "NOT_AVAILABLE";
 // gRPC limits trailers to 8 KiB in total by default; the message is in them twice, once percent-encoded.
 static_assert(kMaxErrorBytes <= 1000);
 constexpr size_t kMaxIdBytes = 80;
-constexpr std::chrono::milliseconds kInUseDelay{1000};
+constexpr milliseconds kInUseDelay{1000};
+constexpr milliseconds kMaxDelay{3'600'000};  // a server's delay counts as at most this
 
 google::rpc::ErrorInfo MakeErrorInfo(const char* reason) {
   google::rpc::ErrorInfo info;
@@ -59,7 +64,7 @@ bool ReadNumber(const google::rpc::ErrorInfo& info, const char* key, Number& out
   return std::from_chars(text.data(), text.data() + text.size(), out).ec == std::errc();
 }
 
-// Parses three numbers separated by commas; otherwise `out` is not changed.
+// Parses three positive numbers separated by commas; otherwise `out` is not changed.
 void ReadThree(const google::rpc::ErrorInfo& info, const char* key, Vec3d& out) {
   const auto found = info.metadata().find(key);
   if (found == info.metadata().end()) return;
@@ -69,6 +74,7 @@ void ReadThree(const google::rpc::ErrorInfo& info, const char* key, Vec3d& out) 
   for (int i = 0; i < 3; ++i) {
     const auto number = std::from_chars(at, end, read[i]);
     if (number.ec != std::errc() || (i < 2 && (number.ptr == end || *number.ptr != ','))) return;
+    if (!(read[i] > 0) || !std::isfinite(read[i])) return;
     at = number.ptr + 1;
   }
   out = read;
@@ -198,8 +204,11 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
     }
     google::rpc::RetryInfo retry;
     if (detail.Is<google::rpc::RetryInfo>() && detail.UnpackTo(&retry)) {
-      const int64_t ms = retry.retry_delay().seconds() * 1000 + retry.retry_delay().nanos() / 1'000'000;
-      result.SetPayload(kRetryDelayUrl, absl::Cord(absl::StrCat(ms)));
+      const int64_t seconds =
+          std::clamp<int64_t>(retry.retry_delay().seconds(), -1, kMaxDelay / std::chrono::seconds(1));
+      const milliseconds delay(seconds * 1000 + retry.retry_delay().nanos() / 1'000'000);
+      const milliseconds kept = std::clamp(delay, milliseconds(0), kMaxDelay);
+      result.SetPayload(kRetryDelayUrl, absl::Cord(absl::StrCat(kept.count())));
     }
   }
   return result;

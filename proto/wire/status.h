@@ -20,7 +20,7 @@ absl::Status BusyError(std::string_view message, std::chrono::milliseconds delay
 absl::Status QuotaError(std::string_view message, std::string_view subject, std::chrono::milliseconds delay);
 // UNAVAILABLE for a while: a retry after `delay` may succeed.
 absl::Status NotServingError(std::string_view message, std::chrono::milliseconds delay);
-// The delay of these errors, in server and client.
+// The delay of these errors, in server and client; of what a client received 0 to an hour.
 std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status);
 
 // NOT_FOUND because the server has no stored mesh of this id, which is sent as google.rpc.ResourceInfo.

@@ -159,6 +159,42 @@ TEST(StatusTest, ALongMessageFitsIntoTrailers) {
   EXPECT_LE(sent.error_message().size() + sent.error_details().size(), 4096u);
 }
 
+TEST(StatusTest, ADelayThatCannotBeIsBetweenNoneAndAnHour) {
+  const auto received = [](int64_t seconds, int32_t nanos) {
+    google::rpc::RetryInfo retry;
+    retry.mutable_retry_delay()->set_seconds(seconds);
+    retry.mutable_retry_delay()->set_nanos(nanos);
+    google::rpc::Status details;
+    details.add_details()->PackFrom(retry);
+    const grpc::Status sent(grpc::StatusCode::UNAVAILABLE, "away", details.SerializeAsString());
+    return RetryDelay(FromGrpcStatus(sent)).value_or(std::chrono::milliseconds(-1)).count();
+  };
+  EXPECT_EQ(received(1, 250'000'000), 1250);
+  EXPECT_EQ(received(-5, 0), 0);
+  EXPECT_EQ(received(0, -1'000'000), 0);
+  EXPECT_EQ(received(INT64_MIN, INT32_MIN), 0);
+  EXPECT_EQ(received(INT64_MAX, INT32_MAX), 3'600'000);
+}
+
+TEST(StatusTest, ALimitThatCannotBeIsNotThere) {
+  const auto received = [](const std::string& size) {
+    google::rpc::ErrorInfo info;
+    (*info.mutable_metadata())["limit_bytes"] = "7";
+    (*info.mutable_metadata())["need_bytes"] = std::string(6000, '9');
+    (*info.mutable_metadata())["smallest_voxel_size"] = size;
+    google::rpc::Status details;
+    details.add_details()->PackFrom(info);
+    const grpc::Status sent(grpc::StatusCode::RESOURCE_EXHAUSTED, "large", details.SerializeAsString());
+    return LimitErrorOf(FromGrpcStatus(sent)).value_or(LimitError());
+  };
+  EXPECT_EQ(received("1,2,3").smallest_voxel_size, (Vec3d{1, 2, 3}));
+  EXPECT_EQ(received("1,2,3").limit_bytes, 7u);
+  EXPECT_EQ(received("1,2,3").need_bytes, 0u);
+  for (const char* size : {"nan,1,1", "1,inf,1", "1,1,-1", "0,1,1", "1,1", ""}) {
+    EXPECT_EQ(received(size).smallest_voxel_size, Vec3d{}) << size;
+  }
+}
+
 TEST(StatusTest, BrokenDetailsAreNoReasonToFail) {
   const grpc::Status broken(grpc::StatusCode::INTERNAL, "why", "\x0a\xff\xff");
   EXPECT_EQ(FromGrpcStatus(broken), absl::InternalError("why"));
