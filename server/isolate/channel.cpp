@@ -66,6 +66,16 @@ absl::Status Channel::Send(MessageKind kind, uint64_t number, const ArchiveWrite
   return uint64_t(sent) == size ? absl::OkStatus() : absl::UnavailableError("the other end is closed");
 }
 
+bool Channel::IsClosed() const {
+  pollfd end{socket_, 0, 0};
+  return poll(&end, 1, 0) == 1 && (end.revents & POLLHUP) != 0;
+}
+
+bool Channel::HasMessage() const {
+  char first = 0;
+  return recv(socket_, &first, sizeof first, MSG_PEEK | MSG_DONTWAIT) > 0;
+}
+
 absl::StatusOr<Message> Channel::Receive(std::chrono::milliseconds patience, uint64_t most_bytes) {
   pollfd ready{socket_, POLLIN, 0};
   const int polled = poll(&ready, 1, int(patience.count()));
@@ -75,6 +85,9 @@ absl::StatusOr<Message> Channel::Receive(std::chrono::milliseconds patience, uin
   do {
     got = recv(socket_, buffer_.data(), room, MSG_TRUNC);
   } while (got < 0 && errno == EINTR);
+  // A socket that is closed with a message that nobody has read tells the sender.
+  if (got < 0 && errno == ECONNRESET)
+    return absl::AbortedError("the other end is closed, and has not read the message");
   if (got <= 0) return absl::UnavailableError("the other end is closed");
   const absl::Status broken = absl::InternalError("an invalid message");
   Header header{};

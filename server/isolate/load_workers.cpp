@@ -134,19 +134,33 @@ uint32_t LoadWorkers::CountQuestion() {
   return uint32_t(std::max<size_t>(1, size_t(std::max(1, options_.threads)) / std::max<size_t>(1, busy_)));
 }
 
+absl::Status LoadWorkers::Ask(MessageKind kind, const LoadRequest& request, const JobContext& job,
+                              const std::function<void(ArchiveWriter&)>& write,
+                              const std::function<absl::Status(ArchiveReader&)>& read, MemoryCharge& kept) {
+  constexpr int kAttempts = 3;  // several processes may have been killed at once
+  for (int attempt = 1;; ++attempt) {
+    auto process = Take(job);
+    if (!process.ok()) return process.status();
+    const Lease lease(*this, *std::move(process));
+    const uint64_t memory_bytes = MemoryFor(job);
+    ArchiveWriter question;
+    const LoadQuestion asked = QuestionOf(request, job, memory_bytes, CountQuestion());
+    QuestionFields(question, asked);
+    write(question);
+    absl::Status status = lease->Ask(kind, memory_bytes, question, job, read, kept);
+    if (status.ok() || !lease->ended_unasked() || attempt == kAttempts) return status;
+  }
+}
+
 absl::StatusOr<LoadedMesh> LoadWorkers::Load(std::vector<uint8_t> file, const LoadRequest& request,
                                              const JobContext& job) {
   if (absl::Status s = job.Check(); !s.ok()) return s;
   job.Report("load", 0);
-  auto process = Take(job);
-  if (!process.ok()) return process.status();
-  const Lease lease(*this, *std::move(process));
-  const uint64_t memory_bytes = MemoryFor(job);
-  const Clock::time_point begin = Clock::now();
-  ArchiveWriter question;
-  const LoadQuestion asked = QuestionOf(request, job, memory_bytes, CountQuestion());
-  QuestionFields(question, asked);
-  question.Bytes(file);
+  Clock::time_point begin;
+  const auto write = [&](ArchiveWriter& question) {
+    begin = Clock::now();
+    question.Bytes(file);
+  };
   LoadedMesh loaded;
   const auto read = [&](ArchiveReader& answer) {
     file = {};
@@ -155,7 +169,7 @@ absl::StatusOr<LoadedMesh> LoadWorkers::Load(std::vector<uint8_t> file, const Lo
     return status.ok() ? CheckMesh(loaded.mesh) : status;
   };
   MemoryCharge kept;
-  if (absl::Status s = lease->Ask(MessageKind::kLoad, memory_bytes, question, job, read, kept); !s.ok()) return s;
+  if (absl::Status s = Ask(MessageKind::kLoad, request, job, write, read, kept); !s.ok()) return s;
   loaded.mesh.memory = std::make_shared<MemoryCharge>(std::move(kept));
   const double ms = std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
   // The transfer of the mesh counts as loading.
@@ -169,14 +183,7 @@ absl::StatusOr<LoadedMesh> LoadWorkers::Load(std::vector<uint8_t> file, const Lo
 
 absl::Status LoadWorkers::DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const TextureUse& use,
                                          const JobContext& job) {
-  auto process = Take(job);
-  if (!process.ok()) return process.status();
-  const Lease lease(*this, *std::move(process));
-  const uint64_t memory_bytes = MemoryFor(job);
-  ArchiveWriter question;
-  const LoadQuestion asked = QuestionOf({MeshFormat::kAuto, use, limits}, job, memory_bytes, CountQuestion());
-  QuestionFields(question, asked);
-  TextureFields(question, mesh);
+  const auto write = [&mesh](ArchiveWriter& question) { TextureFields(question, mesh); };
   const auto read = [&mesh](ArchiveReader& answer) {
     TriangleMesh decoded;
     TextureFields(answer, decoded);
@@ -185,7 +192,8 @@ absl::Status LoadWorkers::DecodeTextures(TriangleMesh& mesh, const LoadLimits& l
     return status.ok() ? TakeTextures(std::move(decoded), mesh) : status;
   };
   MemoryCharge kept;
-  if (absl::Status s = lease->Ask(MessageKind::kTextures, memory_bytes, question, job, read, kept); !s.ok()) return s;
+  const LoadRequest request{MeshFormat::kAuto, use, limits};
+  if (absl::Status s = Ask(MessageKind::kTextures, request, job, write, read, kept); !s.ok()) return s;
   KeepCharge(std::move(kept), mesh);
   return absl::OkStatus();
 }
@@ -195,6 +203,7 @@ absl::StatusOr<std::unique_ptr<WorkerProcess>> LoadWorkers::Take(const JobContex
   const uint64_t failed_before = starts_failed_;
   ++waiting_;
   absl::Status over;
+  DropEnded();
   while (idle_.empty() && over.ok()) {
     work_.notify_one();
     freed_.wait_for(lock, kLookInterval);
@@ -246,7 +255,17 @@ uint64_t LoadWorkers::KeptShare() const {
   return std::clamp(kept_bytes_ / most_, kMinKept, kMaxKept);
 }
 
+void LoadWorkers::DropEnded() {
+  for (Idle& idle : idle_) {
+    if (!idle.process->HasEnded()) continue;
+    ++stats_.ended[idle.process->end_reason()];
+    ended_.push_back(std::move(idle.process));
+  }
+  std::erase_if(idle_, [](const Idle& idle) { return idle.process == nullptr; });
+}
+
 void LoadWorkers::LookForIdle(Clock::time_point now) {
+  DropEnded();
   for (Idle& idle : idle_) {
     if (idle.process->kept_bytes() > KeptShare()) ended_.push_back(std::move(idle.process));
   }

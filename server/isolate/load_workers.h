@@ -4,6 +4,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -77,11 +78,18 @@ class LoadWorkers {
   uint64_t MemoryFor(const JobContext& job) const;
   // Out: the number of threads that it may use now.
   uint32_t CountQuestion();
+  // WorkerProcess::Ask of one of the processes; of another one, if that has ended without reading the question.
+  // `write`: adds what is asked about; maybe several times.
+  absl::Status Ask(MessageKind kind, const LoadRequest& request, const JobContext& job,
+                   const std::function<void(ArchiveWriter&)>& write,
+                   const std::function<absl::Status(ArchiveReader&)>& read, MemoryCharge& kept);
   absl::StatusOr<std::unique_ptr<WorkerProcess>> Take(const JobContext& job);
   void GiveBack(std::unique_ptr<WorkerProcess> process);
   // The thread that starts processes (they end with it), reaps them, and ends idle ones.
   void Maintain();
   void LookForIdle(std::chrono::steady_clock::time_point now);
+  // Takes the processes out of the idle ones that have ended by themselves; the thread replaces them.
+  void DropEnded();
   size_t Wanted() const;
   // The memory that one process may keep.
   uint64_t KeptShare() const;

@@ -13,7 +13,11 @@
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
+#include <fstream>
 #include <memory>
+#include <string>
+#include <string_view>
 
 #include "absl/strings/str_cat.h"
 
@@ -122,6 +126,21 @@ void BindToParent() {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) std::signal(signal, SIG_IGN);
   const rlimit none{0, 0};
   setrlimit(RLIMIT_CORE, &none);
+}
+
+bool IsEnding(int pid) {
+  constexpr std::string_view kMemory = "VmSize:", kPending[] = {"SigPnd:", "ShdPnd:"};
+  std::ifstream file(absl::StrCat("/proc/", pid, "/status"));
+  bool has_memory = false;
+  for (std::string line; std::getline(file, line);) {
+    has_memory = has_memory || line.starts_with(kMemory);
+    for (const std::string_view pending : kPending) {
+      if (!line.starts_with(pending)) continue;
+      const uint64_t signals = std::strtoull(line.c_str() + pending.size(), nullptr, 16);
+      if ((signals >> (SIGKILL - 1) & 1) != 0) return true;
+    }
+  }
+  return !has_memory;
 }
 
 uint64_t AddressSpaceBytes(int pid) {

@@ -16,6 +16,9 @@ absl::Status EnterSandbox();
 // Ends the process with its parent, leaves SIGINT, SIGTERM and SIGHUP to the parent, disables core files.
 void BindToParent();
 
+// True if another process of this user has ended or has been killed, although its descriptors may be open still.
+bool IsEnding(int pid);
+
 // Bytes of address space of another process of this user. 0: it has ended.
 uint64_t AddressSpaceBytes(int pid);
 // Its resident bytes, without shared ones.

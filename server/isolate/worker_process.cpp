@@ -146,7 +146,14 @@ int WorkerProcess::Reap(milliseconds patience) {
   }
 }
 
-absl::Status WorkerProcess::Died() {
+bool WorkerProcess::HasEnded() {
+  // One that has not become ready has a reason of its own, which WaitUntilReady tells.
+  if (usable() && channel_->IsClosed() && (ready_ || channel_->HasMessage())) Kill("died");
+  return !usable();
+}
+
+absl::Status WorkerProcess::Died(bool unasked) {
+  ended_unasked_ = unasked;
   // It has closed its socket, so it ends by itself, with a reason of its own.
   int status = Reap(milliseconds(50));
   Kill("died");
@@ -179,6 +186,7 @@ absl::Status WorkerProcess::WaitUntilReady(const JobContext& job) {
     }
     if (!message.ok() || message->kind != MessageKind::kReady) {
       const int status = Reap(milliseconds(50));
+      ended_unasked_ = true;
       Kill("start");
       return absl::UnavailableError(absl::StrCat(
           "a process that loads meshes cannot start",
@@ -216,6 +224,8 @@ absl::Status WorkerProcess::WaitForAnswer(uint64_t memory_bytes, const JobContex
   const uint64_t most_bytes = memory_bytes == 0 ? SharedRegion::kBytes / 2 : memory_bytes + kSlackBytes;
   absl::Status over;
   Clock::time_point kill_at;
+  // A process that was killed while it was idle takes its time to close its socket, and messages still arrive there.
+  const bool was_ending = IsEnding(pid_);
   while (true) {
     absl::StatusOr<Message> message = channel_->Receive(kLookInterval, most_bytes);
     if (message.ok()) {
@@ -226,8 +236,8 @@ absl::Status WorkerProcess::WaitForAnswer(uint64_t memory_bytes, const JobContex
       answer = *std::move(message);
       return over;
     }
-    if (absl::IsUnavailable(message.status())) {
-      const absl::Status died = Died();
+    if (absl::IsUnavailable(message.status()) || absl::IsAborted(message.status())) {
+      const absl::Status died = Died(was_ending && absl::IsAborted(message.status()));
       return over.ok() ? died : over;
     }
     if (!absl::IsDeadlineExceeded(message.status())) {
@@ -289,7 +299,7 @@ absl::Status WorkerProcess::Exchange(MessageKind kind, uint64_t memory_bytes, co
                memory_bytes == 0 ? 0 : base_space_ + memory_bytes + options_.kept_bytes + 2 * question.bulk_bytes(),
                kMaxCpuSeconds);
   if (absl::Status s = channel_->Send(kind, ++number_, question); !s.ok()) {
-    return absl::IsUnavailable(s) ? Died() : s;
+    return absl::IsUnavailable(s) ? Died(true) : s;
   }
   Message answer;
   MemoryCharge charge(&MemoryOf(job));  // of the memory of the process, then of the result

@@ -38,6 +38,11 @@ class WorkerProcess {
   uint64_t kept_bytes() const { return options_.kept_bytes; }
   // True if it can take another request.
   bool usable() const { return end_reason_[0] == '\0'; }
+  // True if it was ready for a request, and has ended since by itself: it is not usable any more then. Only between
+  // requests.
+  bool HasEnded();
+  // True if it had ended by itself before the last request was sent, which it has not read.
+  bool ended_unasked() const { return ended_unasked_; }
   // Why it is not: "cancelled", "deadline", "memory", "cpu", "protocol", "died", "start".
   const char* end_reason() const { return end_reason_; }
 
@@ -73,13 +78,15 @@ class WorkerProcess {
   void Kill(const char* reason);
   // Waits for the end of the process, at most this long. Out: the status of waitpid.
   int Reap(std::chrono::milliseconds patience);
-  absl::Status Died();
+  // The error of a request when the process has ended by itself. `unasked`: see ended_unasked().
+  absl::Status Died(bool unasked);
 
   const Options options_;
   pid_t pid_ = -1;
   std::unique_ptr<Channel> channel_;
   bool ready_ = false;
   const char* end_reason_ = "";
+  bool ended_unasked_ = false;
   uint64_t number_ = 0;
   uint64_t base_space_ = 0;     // at the time it became ready
   uint64_t base_resident_ = 0;  // at that time, and before a request that follows a long one
