@@ -27,8 +27,13 @@ absl::StatusOr<AtomicDirectory> AtomicDirectory::Create(const std::string& path,
   if (!final_path.ok()) return AsOutputError(final_path.status());
   directory.final_path_ = *std::move(final_path);
   if (absl::Status s = directory.CheckPrevious(); !s.ok()) return s;
-  std::string temporary = AtomicFile::TemporaryName(directory.final_path_);
-  if (mkdir(temporary.c_str(), 0777) != 0) return OutputError(errno, absl::StrCat("cannot create '", path, "'"));
+  std::string temporary;
+  int made = 0;
+  do {  // a killed process may have left this name, or someone a link
+    temporary = AtomicFile::TemporaryName(directory.final_path_);
+    made = mkdir(temporary.c_str(), 0777);
+  } while (made != 0 && errno == EEXIST);
+  if (made != 0) return OutputError(errno, absl::StrCat("cannot create '", path, "'"));
   directory.temporary_ = std::move(temporary);
   return directory;
 }
@@ -65,7 +70,7 @@ absl::Status AtomicDirectory::WriteFile(const std::string& name, std::span<const
     if (absl::Status s = job->Check(); !s.ok()) return s;
   }
   const std::string what = absl::StrCat("cannot write '", path_, "/", name, "'");
-  const int descriptor = open(whole.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  const int descriptor = open(whole.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666);
   if (descriptor < 0) return OutputError(errno, what);
   int error = 0;
   while (!bytes.empty() && error == 0) {

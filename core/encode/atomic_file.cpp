@@ -98,8 +98,11 @@ absl::StatusOr<AtomicFile> AtomicFile::Create(const std::string& path, const Job
     file.descriptor_ = *descriptor;
     return file;
   }
-  std::string temporary = TemporaryName(file.final_path_);
-  file.descriptor_ = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  std::string temporary;
+  do {  // a killed process may have left this name, or someone a link
+    temporary = TemporaryName(file.final_path_);
+    file.descriptor_ = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  } while (file.descriptor_ < 0 && errno == EEXIST);
   if (file.descriptor_ < 0) return OutputError(errno, absl::StrCat("cannot create '", path, "'"));
   file.temporary_ = std::move(temporary);
   if (exists) TakeOver(file.descriptor_, status);

@@ -27,7 +27,7 @@ namespace fs = std::filesystem;
 bool IsAt(int descriptor, const std::string& path) {
   struct stat open_one {
   }, named{};
-  return fstat(descriptor, &open_one) == 0 && stat(path.c_str(), &named) == 0 && open_one.st_ino == named.st_ino &&
+  return fstat(descriptor, &open_one) == 0 && lstat(path.c_str(), &named) == 0 && open_one.st_ino == named.st_ino &&
          open_one.st_dev == named.st_dev;
 }
 
@@ -71,9 +71,20 @@ absl::StatusOr<RunLock> RunLock::Take(const std::string& output_dir, const Shard
   if (absl::Status s = CheckInside(output_dir, (directory / "record").string()); !s.ok()) return s;
   const std::string path = (directory / absl::StrCat("lock-", shard.index % shard.count, "-of-", shard.count)).string();
   for (;;) {
-    const int descriptor = open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+    // Who may write to the directory may have put a link there, to a file anywhere, or a FIFO.
+    const int descriptor = open(path.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0666);
+    if (descriptor < 0 && errno == ELOOP) {
+      return absl::PermissionDeniedError(absl::StrCat(
+          "'", path, "' is a link; batch does not follow it, and needs a file of its own there; remove it"));
+    }
     if (descriptor < 0) return absl::ErrnoToStatus(errno, absl::StrCat("cannot create '", path, "'"));
     RunLock lock(path, descriptor);
+    struct stat status {};
+    if (fstat(descriptor, &status) != 0 || !S_ISREG(status.st_mode)) {
+      lock.path_.clear();
+      return absl::FailedPreconditionError(
+          absl::StrCat("'", path, "' is not a regular file; batch locks only regular files"));
+    }
     if (flock(descriptor, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
       lock.path_.clear();  // the other run removes it
       return absl::AbortedError(

@@ -15,7 +15,8 @@ void RemoveLeftovers(const std::string& output_dir, const std::vector<BatchItem>
 // A lock of a shard in an output directory, for one run at a time; released even if the process is killed.
 class RunLock {
  public:
-  // ABORTED if another run holds it. Always succeeds on file systems without locks.
+  // ABORTED if another run holds it; PERMISSION_DENIED or FAILED_PRECONDITION with the path if a link or something else
+  // is in the place of the lock's file. Always succeeds on file systems without locks.
   static absl::StatusOr<RunLock> Take(const std::string& output_dir, const Shard& shard);
   RunLock(RunLock&& other) noexcept;
   RunLock& operator=(RunLock&&) = delete;

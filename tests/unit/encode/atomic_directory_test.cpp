@@ -65,6 +65,22 @@ TEST(AtomicDirectory, ReplacesNothingElse) {
   EXPECT_EQ(top.FileCount(), 2u);
 }
 
+TEST(AtomicDirectory, ATemporaryNameThatIsTakenIsNotUsedAndNotFollowed) {
+  namespace fs = std::filesystem;
+  const TemporaryDirectory directory;
+  const std::string path = directory / "a.zarr", outside = directory / "outside";
+  const std::string name = AtomicFile::TemporaryName(path);
+  const size_t dash = name.rfind('-');
+  const std::string next = name.substr(0, dash + 1) + std::to_string(std::stoull(name.substr(dash + 1)) + 1);
+  fs::create_directory(outside);
+  fs::create_symlink(outside, next);
+  AtomicDirectory made = AtomicDirectory::Create(path, ".zattrs").value();
+  ASSERT_TRUE(made.WriteFile(".zattrs", std::vector<uint8_t>{1}, nullptr).ok());
+  ASSERT_TRUE(made.Commit().ok());
+  EXPECT_TRUE(fs::exists(path + "/.zattrs"));
+  EXPECT_TRUE(fs::is_empty(outside));
+}
+
 TEST(AtomicDirectory, FollowsALink) {
   const TemporaryDirectory top;
   ASSERT_TRUE(Write(top / "real", "first").ok());

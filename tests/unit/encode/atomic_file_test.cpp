@@ -175,6 +175,27 @@ TEST(AtomicFile, KnowsTheTemporaryNamesOfKilledProcesses) {
   }
 }
 
+// Process ids come again, in containers at once; and a link could lead anywhere.
+TEST(AtomicFile, ATemporaryNameThatIsTakenIsNotUsedAndNotFollowed) {
+  namespace fs = std::filesystem;
+  const TemporaryDirectory directory;
+  const std::string path = directory / "a.raw", outside = directory / "outside";
+  const std::string name = AtomicFile::TemporaryName(path);
+  const size_t dash = name.rfind('-');
+  const uint64_t number = std::stoull(name.substr(dash + 1));
+  const std::string next = name.substr(0, dash + 1) + std::to_string(number + 1);
+  const std::string second = name.substr(0, dash + 1) + std::to_string(number + 2);
+  fs::create_symlink(outside, next);
+  std::ofstream(second) << "left";
+  AtomicFile file = AtomicFile::Create(path).value();
+  ASSERT_TRUE(file.Write(std::vector<uint8_t>{1, 2, 3}).ok());
+  ASSERT_TRUE(file.Commit().ok());
+  EXPECT_EQ(ReadFile(path), (std::vector<uint8_t>{1, 2, 3}));
+  EXPECT_FALSE(fs::exists(outside));
+  EXPECT_TRUE(fs::is_symlink(next));
+  EXPECT_EQ(ReadFile(second), (std::vector<uint8_t>{'l', 'e', 'f', 't'}));
+}
+
 TEST(AtomicFile, ItsOwnTemporaryIsOneOfThem) {
   const testing::TemporaryDirectory directory;
   for (const std::string& name : {std::string("a.npy"), std::string(251, 'n') + ".npy"}) {

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <algorithm>
 #include <atomic>
@@ -294,6 +295,29 @@ TEST_F(BatchRunTest, OneRunAtATimeHasAShard) {
   }
   EXPECT_TRUE(RunLock::Take(out, {0, 2}).ok());
   EXPECT_TRUE(std::filesystem::is_empty(out + "/.voxelpipe"));
+}
+
+// Who may write to the directory could make a run create, or open, a file anywhere.
+TEST_F(BatchRunTest, ALinkOrAFifoInThePlaceOfTheLockIsRefusedByNameAndNotFollowed) {
+  namespace fs = std::filesystem;
+  const std::string out = directory_ / "out";
+  const fs::path lock = fs::path(out) / ".voxelpipe" / "lock-0-of-1", outside = directory_ / "outside";
+  fs::create_directories(lock.parent_path());
+  for (const bool dangling : {true, false}) {
+    if (!dangling) std::ofstream(outside) << "someone's";
+    fs::create_symlink(outside, lock);
+    const absl::Status status = RunLock::Take(out, {0, 1}).status();
+    EXPECT_TRUE(absl::IsPermissionDenied(status)) << status;
+    EXPECT_THAT(std::string(status.message()), ::testing::HasSubstr("'" + lock.string() + "' is a link"));
+    EXPECT_EQ(fs::exists(outside), !dangling);
+    EXPECT_TRUE(fs::is_symlink(lock));
+    fs::remove(lock);
+  }
+  ASSERT_EQ(mkfifo(lock.c_str(), 0600), 0);
+  const absl::Status status = RunLock::Take(out, {0, 1}).status();
+  EXPECT_TRUE(absl::IsFailedPrecondition(status)) << status;
+  EXPECT_THAT(std::string(status.message()), ::testing::HasSubstr("'" + lock.string() + "' is not a regular file"));
+  EXPECT_TRUE(fs::is_fifo(lock));
 }
 
 TEST_F(BatchRunTest, TheRunEndsAndSaysSoWhereNoServerCanBeReached) {
