@@ -11,11 +11,14 @@
 #include <exception>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include <google/protobuf/stubs/logging.h>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "absl/synchronization/mutex.h"
+#include "base/text.h"
 #include "check_files.h"
 #include "isolate/load_worker.h"
 #include "observe/log.h"
@@ -63,13 +66,12 @@ int Serve(const ServerOptions& options) {
 
   absl::StatusOr<std::unique_ptr<VoxelServer>> server = VoxelServer::Start(options);
   if (!server.ok()) {
-    std::fprintf(stderr, "voxelpiped: %s\n", std::string(server.status().message()).c_str());
+    WriteLine(stderr, absl::StrCat("voxelpiped: ", server.status().message()));
     return 1;
   }
-  std::printf("listening on %s\n", (*server)->address().c_str());
-  if (!(*server)->http_address().empty()) std::printf("http on %s\n", (*server)->http_address().c_str());
-  if (!(*server)->web_address().empty()) std::printf("web on http://%s\n", (*server)->web_address().c_str());
-  std::fflush(stdout);
+  WriteLine(stdout, "listening on " + (*server)->address());
+  if (!(*server)->http_address().empty()) WriteLine(stdout, "http on " + (*server)->http_address());
+  if (!(*server)->web_address().empty()) WriteLine(stdout, "web on http://" + (*server)->web_address());
 
   int signal = WaitForSignal(signals);
   for (; signal == SIGHUP; signal = WaitForSignal(signals)) (*server)->Reload();
@@ -104,9 +106,11 @@ int Main(int argc, char** argv) {
   const ParseOutcome parsed = ParseCommandLine(argc, argv);
   if (!parsed.command) return parsed.exit_code;
   if (parsed.command->check_config) {
-    std::fputs(ToConfigText(parsed.command->values).c_str(), stdout);
+    const std::vector<std::string> lines =
+        absl::StrSplit(ToConfigText(parsed.command->values), '\n', absl::SkipEmpty());
+    for (const std::string& line : lines) WriteLine(stdout, line);
     const absl::Status status = CheckFiles(parsed.command->options);
-    if (!status.ok()) std::fprintf(stderr, "voxelpiped: %s\n", std::string(status.message()).c_str());
+    if (!status.ok()) WriteLine(stderr, absl::StrCat("voxelpiped: ", status.message()));
     return status.ok() ? 0 : 2;
   }
   if (parsed.command->probe) return Probe(*parsed.command->probe, TlsOf(parsed.command->options));
@@ -123,7 +127,7 @@ int main(int argc, char** argv) {
   try {
     return voxelpipe::Main(argc, argv);
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "voxelpiped: %s\n", error.what());
+    voxelpipe::WriteLine(stderr, absl::StrCat("voxelpiped: ", error.what()));
     return 1;
   }
 }

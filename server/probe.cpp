@@ -2,11 +2,14 @@
 
 #include <chrono>
 #include <cstdio>
+#include <string>
 
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/security/tls_certificate_verifier.h>
 #include <grpcpp/security/tls_credentials_options.h>
 
+#include "absl/strings/str_cat.h"
+#include "base/text.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "observe/http_status.h"
 
@@ -21,7 +24,7 @@ int ProbeHttp(const std::string& address) {
   const int status = HttpStatusOf(address, "/readyz", kPatienceMs, error);
   if (status == 200) return 0;
   if (status != 0) error = "not serving";
-  std::fprintf(stderr, "voxelpiped: http://%s/readyz: %s\n", address.c_str(), error.c_str());
+  WriteLine(stderr, absl::StrCat("voxelpiped: http://", address, "/readyz: ", error));
   return 1;
 }
 
@@ -64,11 +67,11 @@ int Probe(const std::string& address, const TlsFiles& tls) {
   HealthCheckResponse response;
   const grpc::Status status = stub->Check(&context, {}, &response);
   if (!status.ok()) {
-    std::fprintf(stderr, "voxelpiped: %s: %s\n", address.c_str(), status.error_message().c_str());
+    WriteLine(stderr, absl::StrCat("voxelpiped: ", address, ": ", status.error_message()));
     return 1;
   }
   if (response.status() != HealthCheckResponse::SERVING) {
-    std::fprintf(stderr, "voxelpiped: %s: not serving\n", address.c_str());
+    WriteLine(stderr, absl::StrCat("voxelpiped: ", address, ": not serving"));
     return 1;
   }
   return 0;

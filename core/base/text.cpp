@@ -1,5 +1,6 @@
 #include "base/text.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <cstdio>
 
@@ -26,6 +27,21 @@ size_t CharacterLength(std::string_view text) {
   return length;
 }
 
+// The code point of a valid character.
+uint32_t CodePoint(std::string_view character) {
+  if (character.size() == 1) return uint8_t(character[0]);
+  uint32_t code = uint8_t(character[0]) & (0xff >> (character.size() + 1));
+  for (const char c : character.substr(1)) code = code << 6 | (uint8_t(c) & 0x3f);
+  return code;
+}
+
+bool IsControl(uint32_t code) {
+  return code < 0x20 || (code >= 0x7f && code < 0xa0) ||       // C0, DEL, C1
+         code == 0x61c || code == 0x200e || code == 0x200f ||  // marks of a direction
+         (code >= 0x2028 && code <= 0x202e) ||                 // separators, embeddings, overrides
+         (code >= 0x2066 && code <= 0x2069);                   // isolates
+}
+
 }  // namespace
 
 std::string CleanText(std::string_view text, size_t max_bytes) {
@@ -36,8 +52,7 @@ std::string CleanText(std::string_view text, size_t max_bytes) {
   for (size_t i = 0; i < text.size();) {
     if (clean.size() + kCut.size() <= max_bytes) cut_at = clean.size();
     const size_t length = CharacterLength(text.substr(i));
-    const bool control = length == 1 && (uint8_t(text[i]) < 0x20 || text[i] == 0x7f);
-    if (length == 0 || control) {
+    if (length == 0 || IsControl(CodePoint(text.substr(i, length)))) {
       clean.push_back('?');
     } else {
       clean.append(text.substr(i, length));
@@ -49,6 +64,29 @@ std::string CleanText(std::string_view text, size_t max_bytes) {
     }
   }
   return clean;
+}
+
+std::string EscapeControls(std::string_view json) {
+  std::string escaped;
+  escaped.reserve(json.size());
+  for (size_t i = 0; i < json.size();) {
+    const std::string_view character = json.substr(i, std::max<size_t>(1, CharacterLength(json.substr(i))));
+    i += character.size();
+    const uint32_t code = CodePoint(character);
+    if (code < 0x20 || (character.size() == 1 && code > 0x7f) || !IsControl(code)) {  // or a line break between values
+      escaped.append(character);
+      continue;
+    }
+    char text[12];
+    std::snprintf(text, sizeof text, "\\u%04x", unsigned(code));
+    escaped.append(text);
+  }
+  return escaped;
+}
+
+bool WriteLine(std::FILE* to, std::string_view line) {
+  const std::string clean = CleanText(line) + "\n";
+  return std::fwrite(clean.data(), 1, clean.size(), to) == clean.size() && std::fflush(to) == 0;
 }
 
 std::string ErrorText(const absl::Status& status) {

@@ -55,8 +55,10 @@ spdlog::level::level_enum SpdlogLevel(LogLevel level) {
   return spdlog::level::off;
 }
 
+// Every line of the log comes by here.
 void WriteText(spdlog::logger& logger, LogLevel level, const std::string& text) {
-  logger.log(SpdlogLevel(level), spdlog::string_view_t(text.data(), text.size()));
+  const std::string clean = CleanText(text);
+  logger.log(SpdlogLevel(level), spdlog::string_view_t(clean.data(), clean.size()));
 }
 
 class LevelFlag final : public spdlog::custom_flag_formatter {

@@ -5,6 +5,7 @@
 #include <map>
 
 #include "base/machine.h"
+#include "base/text.h"
 #include "command_line/command.h"
 #include "command_line/usage_error.h"
 #include "options/option_list.h"
@@ -326,7 +327,7 @@ ParseOutcome ParseCommandLine(int argc, const char* const* argv) {
     return {std::nullopt, 0};
   }
   if (stop) {
-    std::fprintf(stderr, "voxelpiped: %s\n", UsageError(app, *stop).c_str());
+    WriteLine(stderr, "voxelpiped: " + UsageError(app, *stop));
     return {std::nullopt, 2};
   }
   if (help_markdown) {

@@ -113,18 +113,16 @@ nlohmann::ordered_json BenchJson(const LoadPlan& plan, const LoadResult& result)
   return json;
 }
 
-std::string BenchTable(const LoadPlan& plan, const LoadResult& result) {
+Lines BenchTable(const LoadPlan& plan, const LoadResult& result) {
   const Tally& tally = result.tally;
-  std::string table = absl::StrCat(
+  Lines table = {absl::StrCat(
       "load",
       plan.rate ? absl::StrFormat(" of %.6g requests a second, %s", *plan.rate,
                                   plan.arrivals == Arrivals::kPoisson ? "at random" : "at equal gaps")
                 : absl::StrFormat(" of %d clients", plan.concurrency),
       result.connections == 1 ? ", 1 connection" : absl::StrCat(", ", result.connections, " connections"), ", ",
-      result.call == "many" ? "jobs of a stream" : "single calls", result.mesh_sent ? ", mesh sent each time" : "");
-  const auto row = [&](const char* name, const std::string& text) {
-    absl::StrAppend(&table, absl::StrFormat("\n  %-14s", name), text);
-  };
+      result.call == "many" ? "jobs of a stream" : "single calls", result.mesh_sent ? ", mesh sent each time" : "")};
+  const auto row = [&](const char* name, const std::string& text) { table.push_back(TableRow(name, text, 14)); };
   row("answers", absl::StrCat(WithCommas(tally.ok), " of ", WithCommas(tally.requests), " requests in ",
                               absl::StrFormat("%.2f s (%.2f s of it to drain)",
                                               result.issue_seconds + result.drain_seconds, result.drain_seconds)));

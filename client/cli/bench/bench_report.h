@@ -2,9 +2,9 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
-#include <string>
 
 #include "bench/load.h"
+#include "engine/report.h"
 
 namespace voxelpipe::cli {
 
@@ -12,6 +12,6 @@ namespace voxelpipe::cli {
 // and over the failures of each code.
 nlohmann::ordered_json BenchJson(const LoadPlan& plan, const LoadResult& result);
 // The same as a short table.
-std::string BenchTable(const LoadPlan& plan, const LoadResult& result);
+Lines BenchTable(const LoadPlan& plan, const LoadResult& result);
 
 }  // namespace voxelpipe::cli

@@ -121,13 +121,12 @@ int Batch(BatchArguments& arguments) {
     PrintError("batch", result.status());
     return 1;
   }
-  constexpr auto kReplace = nlohmann::json::error_handler_t::replace;  // a path may not be UTF-8
   absl::Status told = absl::OkStatus();
   if (!arguments.report.empty()) {
-    told = WriteReport(arguments.report, ReportJson(plan, *result).dump(1, ' ', false, kReplace) + "\n");
+    told = WriteReport(arguments.report, JsonText(ReportJson(plan, *result), 1) + "\n");
   }
   PrintWarnings(plan.manifest, WarningsOf(plan, *result));
-  if (told.ok()) told = PrintLine(arguments.json ? TotalsJson(*result).dump() : TotalsLine(*result));
+  if (told.ok()) told = PrintLine(arguments.json ? JsonText(TotalsJson(*result)) : TotalsLine(*result));
   if (!told.ok()) PrintError("batch", told);
   if (const int signal = InterruptSignal(); signal != 0) {
     PrintError("batch", absl::StrCat(StoppedReason(signal), ", ", TotalsOf(*result).left, " items are left"));

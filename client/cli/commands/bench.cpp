@@ -96,9 +96,7 @@ int Bench(BenchArguments& arguments) {
     PrintError("bench", result.status());
     return 1;
   }
-  status =
-      PrintLine(arguments.json ? BenchJson(plan, *result).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
-                               : BenchTable(plan, *result));
+  status = arguments.json ? PrintLine(JsonText(BenchJson(plan, *result))) : PrintLines(BenchTable(plan, *result));
   if (!status.ok()) PrintError("", status);
   if (const int signal = InterruptSignal(); signal != 0) return StoppedExitCode(signal);
   const uint64_t requests = result->tally.requests, errors = requests - result->tally.ok;

@@ -28,10 +28,9 @@ absl::StatusOr<int> CompareFiles(const CompareArguments& arguments, const JobCon
   if (!b.ok()) return b.status();
   const absl::StatusOr<Comparison> comparison = Compare(job, *a, *b, arguments.tolerance);
   if (!comparison.ok()) return comparison.status();
-  constexpr auto kReplace = nlohmann::json::error_handler_t::replace;  // a path may not be UTF-8
-  const absl::Status told =
-      PrintLine(arguments.json ? ComparisonJson(*a, *b, arguments.tolerance, *comparison).dump(-1, ' ', false, kReplace)
-                               : ComparisonTable(*a, *b, arguments.tolerance, *comparison));
+  const absl::Status told = arguments.json
+                                ? PrintLine(JsonText(ComparisonJson(*a, *b, arguments.tolerance, *comparison)))
+                                : PrintLines(ComparisonTable(*a, *b, arguments.tolerance, *comparison));
   if (!told.ok()) return told;
   return comparison->equal() ? kEqual : kDifferent;
 }

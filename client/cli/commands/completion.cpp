@@ -1,3 +1,4 @@
+#include "absl/strings/str_split.h"
 #include "commands/commands.h"
 #include "completion/scripts.h"
 #include "engine/report.h"
@@ -6,10 +7,10 @@
 namespace voxelpipe::cli {
 namespace {
 
-// `text` ends with a newline, and so does PrintLine.
+// `text` ends with a newline.
 int Print(std::string text) {
   text.pop_back();
-  const absl::Status told = PrintLine(text);
+  const absl::Status told = PrintLines(absl::StrSplit(text, '\n'));
   if (!told.ok()) PrintError("", told);
   return told.ok() ? 0 : 1;
 }

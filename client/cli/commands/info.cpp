@@ -69,13 +69,11 @@ std::string UnitText(const MeshContents& contents) {
   return contents.unit == "m" ? "m" : absl::StrCat(contents.unit, ", scaled to metres");
 }
 
-std::string InfoTable(const std::string& path, const MeshFacts& facts) {
+Lines InfoTable(const std::string& path, const MeshFacts& facts) {
   const MeshReport& report = facts.report;
   const MeshContents& contents = facts.contents;
-  std::string table = path;
-  const auto row = [&](const char* name, const std::string& text) {
-    absl::StrAppend(&table, absl::StrFormat("\n  %-12s", name), text);
-  };
+  Lines table = {path};
+  const auto row = [&](const char* name, const std::string& text) { table.push_back(TableRow(name, text)); };
   row("triangles",
       absl::StrCat(WithCommas(report.triangles), ", ", WithCommas(report.degenerate_triangles), " degenerate"));
   row("vertices", WithCommas(report.vertices));
@@ -104,10 +102,8 @@ std::string InfoTable(const std::string& path, const MeshFacts& facts) {
 }
 
 absl::Status Print(const InfoArguments& arguments, const MeshFacts& facts) {
-  if (!arguments.json) return PrintLine(InfoTable(arguments.path, facts));
-  // A name in the file may not be UTF-8.
-  constexpr auto kReplace = nlohmann::json::error_handler_t::replace;
-  return PrintLine(InfoJson(arguments.path, facts).dump(-1, ' ', false, kReplace));
+  return arguments.json ? PrintLine(JsonText(InfoJson(arguments.path, facts)))
+                        : PrintLines(InfoTable(arguments.path, facts));
 }
 
 absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const MeshReading& reading, const JobContext& job) {

@@ -5,6 +5,7 @@
 
 #include <cstdio>
 
+#include "base/text.h"
 #include "options/request_flags.h"
 
 namespace voxelpipe::cli {
@@ -87,7 +88,7 @@ void ProgressView::Draw(bool at_once) {
   if (kind_ == Kind::kJson) {
     if (!at_once && now - last_ < milliseconds(100)) return;
     last_ = now;
-    std::fprintf(stderr, "%s\n", ProgressJson(state_).c_str());
+    WriteLine(stderr, ProgressJson(state_));
     return;
   }
   // Not for jobs that end at once, and at most as often as the eye can follow.
@@ -97,7 +98,8 @@ void ProgressView::Draw(bool at_once) {
   if (voxels_ > 0 && state_.fraction > 0) {
     state_.voxels_per_second = double(voxels_) * state_.fraction * 1000 / Ms(now - item_begin_);
   }
-  std::fprintf(stderr, "\r%s\033[K", ProgressLine(state_, TerminalColumns() - 1).c_str());
+  const std::string line = CleanText(ProgressLine(state_, TerminalColumns() - 1));  // a stage may be a server's text
+  std::fprintf(stderr, "\r%s\033[K", line.c_str());
   std::fflush(stderr);
   drawn_ = true;
 }

@@ -15,8 +15,8 @@ int ServerInfo(const ServerInfoArguments& arguments) {
     PrintError("", status);
     return 2;
   }
-  const absl::StatusOr<std::string> text = DescribeServer(arguments.server, arguments.json);
-  const absl::Status status = text.ok() ? PrintLine(*text) : text.status();
+  const absl::StatusOr<Lines> lines = DescribeServer(arguments.server, arguments.json);
+  const absl::Status status = lines.ok() ? PrintLines(*lines) : lines.status();
   if (!status.ok()) PrintError(arguments.server, status);
   return status.ok() ? 0 : 1;
 }

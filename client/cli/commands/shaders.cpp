@@ -42,18 +42,18 @@ std::string Typed(const std::vector<double>& values) {
   return text;
 }
 
-std::string ShadersTable(const std::vector<ShaderInfo>& shaders) {
-  std::string table;
+Lines ShadersTable(const std::vector<ShaderInfo>& shaders) {
+  Lines table;
   for (const ShaderStage stage : {ShaderStage::kVertex, ShaderStage::kFragment}) {
-    absl::StrAppend(&table, table.empty() ? "" : "\n", StageName(stage), " shaders:");
+    table.push_back(absl::StrCat(StageName(stage), " shaders:"));
     for (const ShaderInfo& shader : shaders) {
       if (shader.stage != stage) continue;
       std::string gives = shader.output_type;
       if (shader.output_components > 1) absl::StrAppend(&gives, "x", shader.output_components);
-      absl::StrAppend(&table, absl::StrFormat("\n  %-18s %-9s ", shader.name, gives), shader.description);
+      table.push_back(absl::StrCat(absl::StrFormat("  %-18s %-9s ", shader.name, gives), shader.description));
       for (const ShaderParameterInfo& parameter : shader.parameters) {
-        absl::StrAppend(&table, "\n      ", parameter.name, "=", Typed(parameter.default_value), "  ", parameter.type,
-                        ": ", parameter.description);
+        table.push_back(absl::StrCat("      ", parameter.name, "=", Typed(parameter.default_value), "  ",
+                                     parameter.type, ": ", parameter.description));
       }
     }
   }
@@ -73,7 +73,9 @@ int Shaders(const ShadersArguments& arguments) {
   }
   const absl::StatusOr<std::vector<ShaderInfo>> shaders = (*engine)->Shaders();
   absl::Status status = shaders.status();
-  if (status.ok()) status = PrintLine(arguments.json ? ShadersJson(*shaders).dump() : ShadersTable(*shaders));
+  if (status.ok()) {
+    status = arguments.json ? PrintLine(JsonText(ShadersJson(*shaders))) : PrintLines(ShadersTable(*shaders));
+  }
   if (!status.ok()) PrintError(arguments.server, status);
   return status.ok() ? 0 : 1;
 }

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
+#include "base/text.h"
 #include "commands/commands.h"
 #include "commands/progress_view.h"
 #include "encode/format_registry.h"
@@ -53,11 +54,9 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
     if (!run.ok()) return run.status();
     view.Clear();
     PrintWarnings(InputName(input), run->warnings);
-    const std::string summary =
-        arguments.json ? VoxelizeJson(*run, report).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)
-                       : VoxelizeTable(*run, report);
-    if (plan.standard_output.empty()) return PrintLine(summary);
-    std::fprintf(stderr, "%s\n", summary.c_str());  // the result is on standard output
+    const Lines summary = arguments.json ? Lines{JsonText(VoxelizeJson(*run, report))} : VoxelizeTable(*run, report);
+    if (plan.standard_output.empty()) return PrintLines(summary);
+    for (const std::string& line : summary) WriteLine(stderr, line);  // the result is on standard output
     return absl::OkStatus();
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");

@@ -89,12 +89,9 @@ ordered_json ComparisonJson(const StoredResult& a, const StoredResult& b, double
   return json;
 }
 
-std::string ComparisonTable(const StoredResult& a, const StoredResult& b, double tolerance,
-                            const Comparison& comparison) {
-  std::string table = absl::StrCat("A = ", a.path, "\nB = ", b.path);
-  const auto row = [&](const char* name, const std::string& text) {
-    absl::StrAppend(&table, absl::StrFormat("\n  %-12s", name), text);
-  };
+Lines ComparisonTable(const StoredResult& a, const StoredResult& b, double tolerance, const Comparison& comparison) {
+  Lines table = {absl::StrCat("A = ", a.path), absl::StrCat("B = ", b.path)};
+  const auto row = [&](const char* name, const std::string& text) { table.push_back(TableRow(name, text)); };
   const auto both = [&](bool same, const std::string& in_a, const std::string& in_b) {
     return same ? absl::StrCat("same: ", in_a) : absl::StrCat("differ: A ", in_a, "; B ", in_b);
   };

@@ -2,9 +2,9 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
-#include <string>
 
 #include "compare/comparison.h"
+#include "engine/report.h"
 
 namespace voxelpipe::cli {
 
@@ -12,7 +12,6 @@ namespace voxelpipe::cli {
 nlohmann::ordered_json ComparisonJson(const StoredResult& a, const StoredResult& b, double tolerance,
                                       const Comparison& comparison);
 // The same as a short table.
-std::string ComparisonTable(const StoredResult& a, const StoredResult& b, double tolerance,
-                            const Comparison& comparison);
+Lines ComparisonTable(const StoredResult& a, const StoredResult& b, double tolerance, const Comparison& comparison);
 
 }  // namespace voxelpipe::cli

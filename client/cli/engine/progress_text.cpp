@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "engine/report.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -63,7 +64,7 @@ std::string ProgressJson(const ProgressState& state) {
       {"items", state.items},
       {"elapsed_ms", std::llround(state.elapsed_ms)},
       {"eta_ms", eta ? nlohmann::ordered_json(std::llround(*eta)) : nlohmann::ordered_json(nullptr)}};
-  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);  // a stage is a server's text
+  return JsonText(json);  // a stage may be a server's text
 }
 
 }  // namespace voxelpipe::cli

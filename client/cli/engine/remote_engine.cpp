@@ -121,11 +121,9 @@ nlohmann::ordered_json ServerJson(const ServerDescription& server) {
             {"max_mesh_store_bytes", server.max_mesh_store_bytes}}}};
 }
 
-std::string ServerTable(const std::string& target, const ServerDescription& server) {
-  std::string table = absl::StrCat(target, ": voxelpiped ", server.version);
-  const auto row = [&](const char* name, const std::string& text) {
-    absl::StrAppend(&table, absl::StrFormat("\n  %-16s", name), text);
-  };
+Lines ServerTable(const std::string& target, const ServerDescription& server) {
+  Lines table = {absl::StrCat(target, ": voxelpiped ", server.version)};
+  const auto row = [&](const char* name, const std::string& text) { table.push_back(TableRow(name, text, 16)); };
   const auto limit = [](uint64_t value, const std::string& text) { return value == 0 ? std::string("none") : text; };
   std::string backends;
   for (const ServerBackend& backend : server.backends) {
@@ -179,12 +177,12 @@ bool CouldNotConnect(const absl::Status& status) {
   return IsConnectError(status);
 }
 
-absl::StatusOr<std::string> DescribeServer(const std::string& target, bool json) {
+absl::StatusOr<Lines> DescribeServer(const std::string& target, bool json) {
   const absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target);
   if (!client.ok()) return client.status();
   const absl::StatusOr<ServerDescription> server = (*client)->ServerInfo();
   if (!server.ok()) return server.status();
-  return json ? ServerJson(*server).dump() : ServerTable(target, *server);
+  return json ? Lines{JsonText(ServerJson(*server))} : ServerTable(target, *server);
 }
 
 }  // namespace voxelpipe::cli

@@ -8,7 +8,6 @@
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
-#include <iostream>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
@@ -40,13 +39,9 @@ std::vector<std::pair<std::string, double>> AllStages(const EngineRun& run, cons
 
 void PrintError(std::string_view where, std::string_view message) {
   constexpr size_t kMaxLineBytes = 8192;  // a path is up to 4,096 bytes, and twice in it at most
-  std::string line = absl::StrCat("voxelpipe: ", std::string(where), where.empty() ? "" : ": ", std::string(message));
-  if (line.size() > kMaxLineBytes) line = line.substr(0, kMaxLineBytes) + "...";
-  // Other texts may also contain anything: control characters would break the line or control the terminal.
-  for (char& c : line) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
-  }
-  std::fprintf(stderr, "%s\n", line.c_str());
+  const std::string line =
+      absl::StrCat("voxelpipe: ", std::string(where), where.empty() ? "" : ": ", std::string(message));
+  WriteLine(stderr, CleanText(line, kMaxLineBytes));
 }
 
 void PrintError(std::string_view where, const absl::Status& status) {
@@ -72,12 +67,26 @@ void AddWarnings(const WarningList& warnings, nlohmann::ordered_json& json) {
   if (warnings.left_out() > 0) json["warnings_left_out"] = warnings.left_out();
 }
 
-absl::Status PrintLine(const std::string& text) {
-  errno = 0;
-  std::cout << text << '\n' << std::flush;
-  if (std::cout.good()) return absl::OkStatus();
-  return absl::DataLossError(
-      absl::StrCat("cannot write to standard output", errno == 0 ? "" : absl::StrCat(": ", std::strerror(errno))));
+absl::Status PrintLines(const Lines& lines) {
+  for (const std::string& line : lines) {
+    errno = 0;
+    if (WriteLine(stdout, line)) continue;
+    return absl::DataLossError(
+        absl::StrCat("cannot write to standard output", errno == 0 ? "" : absl::StrCat(": ", std::strerror(errno))));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status PrintLine(const std::string& line) {
+  return PrintLines({line});
+}
+
+std::string TableRow(std::string_view name, std::string_view text, int width) {
+  return absl::StrCat(absl::StrFormat("  %-*s", width, std::string(name)), std::string(text));
+}
+
+std::string JsonText(const nlohmann::ordered_json& json, int indent) {
+  return EscapeControls(json.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
 }
 
 MedianTimes Medians(const std::vector<VoxelizeStats>& runs) {
@@ -148,14 +157,12 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
   return json;
 }
 
-std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
+Lines VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
   const ResultHeader& result = report.header;
   const VoxelizeStats& stats = run.runs.back();
   const MedianTimes times = Medians(run.runs);
-  std::string table = report.input;
-  const auto row = [&](const char* name, const std::string& text) {
-    absl::StrAppend(&table, absl::StrFormat("\n  %-12s", name), text);
-  };
+  Lines table = {report.input};
+  const auto row = [&](const char* name, const std::string& text) { table.push_back(TableRow(name, text)); };
   const auto& dims = result.grid.dims;
   const Vec3d& h = result.grid.voxel_size;
   row("triangles", WithCommas(stats.triangles));

@@ -1,4 +1,5 @@
-// The output of `voxelpipe`.
+// The output of `voxelpipe`. Every line goes through WriteLine (base/text.h): names and texts in it may come from a file
+// or from a server. A text of several lines is a list of lines, so that no name in one can begin another.
 #pragma once
 
 #include <cstdint>
@@ -24,8 +25,18 @@ void PrintWarnings(std::string_view where, const WarningList& warnings);
 // json["warnings"], an array of {code, place, text}, and json["warnings_left_out"] if there are more than are kept.
 void AddWarnings(const WarningList& warnings, nlohmann::ordered_json& json);
 
-// Writes `text` and a newline to stdout. DATA_LOSS if writing fails.
-absl::Status PrintLine(const std::string& text);
+using Lines = std::vector<std::string>;  // without their newlines
+
+// Writes each line and a newline to stdout. DATA_LOSS if writing fails.
+absl::Status PrintLines(const Lines& lines);
+absl::Status PrintLine(const std::string& line);
+
+// The row of a table, indented: a name, padded to `width` columns, and a text.
+std::string TableRow(std::string_view name, std::string_view text, int width = 12);
+
+// The text of a JSON value, to print or for a file; on one line if `indent` is negative. What is not UTF-8 in its
+// strings, such as a path, is replaced, and every control character is escaped.
+std::string JsonText(const nlohmann::ordered_json& json, int indent = -1);
 
 struct VoxelizeReport {
   std::string input;
@@ -48,7 +59,7 @@ MedianTimes Medians(const std::vector<VoxelizeStats>& runs);
 // The object of `voxelize --json`.
 nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& report);
 // The same as a short table.
-std::string VoxelizeTable(const EngineRun& run, const VoxelizeReport& report);
+Lines VoxelizeTable(const EngineRun& run, const VoxelizeReport& report);
 
 // "12,345,678"; "1.5 GiB"; "bit:or occupancy".
 std::string WithCommas(uint64_t number);

@@ -21,7 +21,7 @@ absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::stri
   return CheckServerOption(server);
 }
 
-absl::StatusOr<std::string> DescribeServer(const std::string& server, bool) {
+absl::StatusOr<std::vector<std::string>> DescribeServer(const std::string& server, bool) {
   return CheckServerOption(server);
 }
 

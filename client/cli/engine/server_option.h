@@ -38,8 +38,8 @@ absl::StatusOr<std::unique_ptr<Engine>> MakeEngine(const std::string& server, in
 absl::StatusOr<MeshFacts> RemoteFacts(const std::string& server, const std::string& path, const MeshReading& reading,
                                       const JobContext& job);
 
-// The text of `server-info`: a short table, or one JSON object.
-absl::StatusOr<std::string> DescribeServer(const std::string& server, bool json);
+// The lines of `server-info`: a short table, or one JSON object.
+absl::StatusOr<std::vector<std::string>> DescribeServer(const std::string& server, bool json);
 
 // The retry delay that an overloaded server returned; empty if the error is not one of load.
 std::optional<std::chrono::milliseconds> RetryDelayOf(const absl::Status& status);

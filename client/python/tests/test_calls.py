@@ -5,7 +5,9 @@ import concurrent.futures
 import pathlib
 import pickle
 import subprocess
+import sys
 import time
+import types
 from typing import Iterator
 
 import numpy
@@ -13,6 +15,7 @@ import pytest
 
 import voxelpipe
 from voxelpipe import Client, LocalServer, Tls
+from voxelpipe._calls.session import Reporter
 
 from . import shapes
 
@@ -24,6 +27,21 @@ def test_progress_tells_stages_in_order(client: Client, ball: shapes.Triangles) 
     assert stages[0] == "upload" and stages[-1] == "download"
     assert all(0 <= fraction <= 1 for _, fraction, _ in seen)
     assert seen[-1][1] == 1 and seen[-1][2] == grid.summary.result_bytes
+
+
+def test_a_stage_of_a_server_does_not_steer_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[str] = []
+    bar = types.SimpleNamespace(
+        n=0, set_description_str=lambda text, refresh: shown.append(text), refresh=lambda: None, close=lambda: None
+    )
+    module = types.ModuleType("tqdm.auto")
+    module.tqdm = lambda **_: bar  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "tqdm", types.ModuleType("tqdm"))
+    monkeypatch.setitem(sys.modules, "tqdm.auto", module)
+    reporter = Reporter(True)
+    reporter("\x1b]0;a\x07\r\n\x7f\x9b31m\u202e\u2066\u200f\u061c\u2028\udc80\u00e9\u6e29", 0.5, 0)
+    reporter("\x1b[2J", 0.5, 3 << 20)
+    assert shown == ["?]0;a?????31m??????\u00e9\u6e29", "?[2J 3 MiB"]
 
 
 def test_an_exception_of_progress_ends_the_call(client: Client, ball: shapes.Triangles) -> None:

@@ -1,5 +1,8 @@
 #include "base/text.h"
 
+#include <cstdio>
+#include <memory>
+
 #include "gtest/gtest.h"
 
 namespace voxelpipe {
@@ -23,6 +26,33 @@ TEST(CleanTextTest, ReplacesWhatIsNotUtf8) {
 
 TEST(CleanTextTest, ReplacesControlCharacters) {
   EXPECT_EQ(CleanText(std::string_view("a\n\0\x7f z", 6), 10), "a??? z");
+}
+
+// C1 steers terminals as C0 does, and the others reorder what is around them.
+TEST(CleanTextTest, ReplacesControlCharactersBeyondAscii) {
+  EXPECT_EQ(CleanText("a\u0080\u009b31m\u009f\u00a0z"), "a??31m?\u00a0z");
+  EXPECT_EQ(CleanText("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\u200e\u200f\u061c"), "????????????");
+  EXPECT_EQ(CleanText("one\u2028two\u2029three"), "one?two?three");
+  const std::string letters = "\u0627\u05d0\u200d\u2026\u202f\u2065\u206a\U0001F600";
+  EXPECT_EQ(CleanText(letters), letters);
+}
+
+TEST(EscapeControlsTest, JsonKeepsItsValueAndItsLines) {
+  EXPECT_EQ(EscapeControls("{\n \"\u00e9\": \"a\x7f\u0085\u202e\\u001b\"\n}"),
+            "{\n \"\u00e9\": \"a\\u007f\\u0085\\u202e\\u001b\"\n}");
+}
+
+TEST(WriteLineTest, WhateverTheTextHoldsItIsOneLineWithoutControls) {
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::tmpfile(), std::fclose);
+  ASSERT_NE(file, nullptr);
+  EXPECT_TRUE(WriteLine(file.get(), "a\x1b]0;b\x07\nc\td\u009be\u202ef\u00e9\xff"));
+  std::rewind(file.get());
+  char text[100] = {};
+  std::fread(text, 1, sizeof text - 1, file.get());
+  EXPECT_STREQ(text, "a?]0;b??c?d?e?f\u00e9?\n");
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> full(std::fopen("/dev/full", "w"), std::fclose);
+  ASSERT_NE(full, nullptr);
+  EXPECT_FALSE(WriteLine(full.get(), "x"));
 }
 
 TEST(CleanTextTest, CutsAtACharacter) {

@@ -17,6 +17,7 @@ from ..report import StoredMesh
 from ..request import Request
 from . import wire as _wire
 from .crc32c import crc32c
+from .printable import printable
 
 # callable(stage, fraction of the stage, bytes of the result so far); True: a bar of tqdm, if it is installed.
 Progress = Union[Callable[[str, float, int], None], bool, None]
@@ -256,7 +257,8 @@ def _bar() -> tuple[Any, Callable[[str, float, int], None] | None]:
     bar = tqdm(total=100, bar_format="{desc:<16}{percentage:3.0f}%|{bar}| {elapsed}")
 
     def show(stage: str, fraction: float, size: int) -> None:
-        bar.set_description_str(f"{stage} {size >> 20} MiB" if size >> 20 else stage, refresh=False)
+        shown = printable(stage)  # a server's text
+        bar.set_description_str(f"{shown} {size >> 20} MiB" if size >> 20 else shown, refresh=False)
         bar.n = round(100 * fraction)
         bar.refresh()
 

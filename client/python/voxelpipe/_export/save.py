@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy
 
 from .._calls import core_module
+from .._calls.printable import printable
 from .._proto.voxelpipe.v1 import types_pb2 as types
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..report import MeshWarning
@@ -68,7 +69,7 @@ def _save_by_core(grid: "VoxelGrid", path: pathlib.Path, kind: str) -> None:
     try:
         lost = core.not_kept(*described, name)
         if lost:  # before the file is there: the caller may have made an error of it
-            warnings.warn(str(MeshWarning("not_kept", kind, lost)), stacklevel=4)
+            warnings.warn(printable(str(MeshWarning("not_kept", kind, lost))), stacklevel=4)
         core.write(*described, grid._streamed(), name)
     except core.Failed as failed:
         raise core_module.error_of(failed) from None

@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_join.h"
+
 namespace voxelpipe::cli {
 namespace {
 
@@ -110,7 +112,7 @@ TEST(BenchJson, SaysWhichLoadItWas) {
 }
 
 TEST(BenchTable, NamesErrorsAndWorkers) {
-  const std::string table = BenchTable(LoadPlan{}, ThreeAnswersOfFive());
+  const std::string table = absl::StrJoin(BenchTable(LoadPlan{}, ThreeAnswersOfFive()), "\n");
   EXPECT_THAT(table, HasSubstr("3 of 5 requests"));
   EXPECT_THAT(table, HasSubstr("1 UNAVAILABLE"));
   EXPECT_THAT(table, HasSubstr("max 9000.000"));

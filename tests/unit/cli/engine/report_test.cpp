@@ -60,7 +60,23 @@ TEST(VoxelizeJson, HasTheNamesThatUsersRelyOn) {
 TEST(PrintError, IsOneLineWhateverTheMessageHolds) {
   ::testing::internal::CaptureStderr();
   PrintError("a\nb.glb", absl::InvalidArgumentError("one\ntwo\x1b[31m\tthree"));
-  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "voxelpipe: a b.glb: one?two?[31m?three\n");
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "voxelpipe: a?b.glb: one?two?[31m?three\n");
+}
+
+// A name in one line of a table must not pass for another line.
+TEST(PrintLines, EachIsOneLineWhateverItsNamesHold) {
+  ::testing::internal::CaptureStdout();
+  EXPECT_TRUE(PrintLines({"a\n  watertight  yes", TableRow("name", "\x1b[31m\u009b1m\u202e\u00e9", 6)}).ok());
+  EXPECT_EQ(::testing::internal::GetCapturedStdout(), "a?  watertight  yes\n  name  ?[31m?1m?\u00e9\n");
+}
+
+TEST(JsonText, HasNoControlCharacterAndTheSameValue) {
+  const nlohmann::ordered_json json = {{"name", "\x1b\x7f\u009b\u202e\u2069\u200f\u061c\u2028\n\u00e9"}};
+  const std::string text = JsonText(json);
+  EXPECT_EQ(text, R"({"name":"\u001b\u007f\u009b\u202e\u2069\u200f\u061c\u2028\n)"
+                  "\u00e9\"}");
+  EXPECT_EQ(nlohmann::ordered_json::parse(text), json);
+  EXPECT_EQ(JsonText({{"path", "\xff"}}), "{\"path\":\"\ufffd\"}");
 }
 
 TEST(HumanNumbers, AreShort) {

@@ -1,5 +1,6 @@
 #include "observe/log.h"
 
+#include <algorithm>
 #include <limits>
 #include <string>
 
@@ -42,6 +43,27 @@ TEST(LogTest, ALongValueIsCut) {
   LogLine line("call", LogFormat::kText);
   line.Add("error", std::string(10'000, 'x'));
   EXPECT_LT(line.text().size(), 400u);
+}
+
+// Messages hold paths, and texts of gRPC and of clients.
+TEST(LogTest, NoLineHasAControlCharacterOrBeginsAnother) {
+  const std::string hostile = "a\x1b]0;b\x07\n2026 info c\x7f\u009b31m\u202e\u2066\u2028\u00e9";
+  for (const LogFormat format : {LogFormat::kText, LogFormat::kJson}) {
+    ::testing::internal::CaptureStderr();
+    StartLog(LogLevel::kInfo, format);
+    LogMessage(LogLevel::kWarn, hostile);
+    LogLine("call").Add("peer", hostile).Write(LogLevel::kInfo);
+    StopLog();
+    const std::string written = ::testing::internal::GetCapturedStderr();
+    EXPECT_EQ(std::count(written.begin(), written.end(), '\n'), 2) << written;
+    for (const char* control : {"\x1b", "\x07", "\x7f", "\u009b", "\u202e", "\u2066", "\u2028"}) {
+      EXPECT_EQ(written.find(control), std::string::npos);
+    }
+    const std::string clean = "a?]0;b??2026 info c??31m???\u00e9";
+    const size_t first = written.find(clean);
+    EXPECT_NE(first, std::string::npos) << written;
+    EXPECT_NE(written.find(clean, first + 1), std::string::npos) << written;
+  }
 }
 
 TEST(LogTest, FieldsKeepTheirKinds) {
