@@ -21,6 +21,7 @@
 #include "observe/idle_memory.h"
 #include "observe/log.h"
 #include "observe/reflection_service.h"
+#include "observe/unix_socket.h"
 #include "pipeline/stages/backend.h"
 #include "state/service_state.h"
 #include "voxelization_service.h"
@@ -169,9 +170,16 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
         v1::VoxelizationService::service_full_name(), grpc::health::v1::Health::service_full_name(),
         grpc::reflection::v1::ServerReflection::service_full_name(), "grpc.reflection.v1alpha.ServerReflection"});
   }
+  std::string listen = options.listen;
+  if (listen.starts_with(kUnixScheme)) {
+    auto socket = UnixSocket::Prepare(listen);
+    if (!socket.ok()) return socket.status();
+    server->unix_socket_ = *std::move(socket);
+    listen = server->unix_socket_->private_address();
+  }
   grpc::ServerBuilder builder;
   int port = 0;
-  builder.AddListeningPort(options.listen, server->tls_->Credentials(), &port);
+  builder.AddListeningPort(listen, server->tls_->Credentials(), &port);
   builder.RegisterService(server->service_.get());
   builder.RegisterService(server->health_.get());
   if (server->reflection_) builder.RegisterService(server->reflection_.get());
@@ -197,11 +205,14 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
   server->server_ = builder.BuildAndStart();
   if (!server->server_ || port == 0) return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen));
+  if (server->unix_socket_) {
+    if (absl::Status s = server->unix_socket_->Publish(); !s.ok()) return s;
+  }
 
   server->io_threads_ = std::make_unique<IoThreads>(size_t(server->state_->options.io_threads),
                                                     server->server_->InProcessChannel(grpc::ChannelArguments()));
   server->address_ = options.listen;
-  if (!options.listen.starts_with("unix:")) {
+  if (!server->unix_socket_) {
     server->address_ = absl::StrCat(options.listen.substr(0, options.listen.rfind(':')), ":", port);
   }
   if (ListensBeyondLoopback(options.listen) && options.tls_cert.empty()) {

@@ -24,6 +24,7 @@ class HttpEndpoint;
 class IoThreads;
 class Periodic;
 class ServerTls;
+class UnixSocket;
 class VoxelizationServiceImpl;
 class WebEndpoint;
 class LoadWorkers;
@@ -73,6 +74,7 @@ class VoxelServer {
   std::unique_ptr<Periodic> reloader_;
   std::unique_ptr<Periodic> memory_looker_;
   std::unique_ptr<Periodic> machine_looker_;
+  std::unique_ptr<UnixSocket> unix_socket_;  // null if it listens on a port; outlives server_
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<IoThreads> io_threads_;
   std::unique_ptr<WebEndpoint> web_;

@@ -8,6 +8,7 @@
 #include "base/text.h"
 #include "command_line/command.h"
 #include "command_line/usage_error.h"
+#include "observe/unix_socket.h"
 #include "options/option_list.h"
 
 namespace voxelpipe {
@@ -65,8 +66,12 @@ std::string CheckHostPort(const std::string& text) {
 
 // Of gRPC's address.
 std::string CheckListen(const std::string& text) {
-  if (!text.starts_with("unix:")) return CheckHostPort(text);
-  return text == "unix:" ? "unix: without the path of a socket" : "";
+  if (!text.starts_with(kUnixScheme)) return CheckHostPort(text);
+  const std::string path = UnixPathOf(text);
+  if (path.empty()) return "unix: without the path of a socket";
+  if (path.size() <= kMaxUnixPathBytes) return "";
+  return "the path of a unix socket has at most " + std::to_string(kMaxUnixPathBytes) + " bytes, and this one " +
+         std::to_string(path.size()) + ": " + path;
 }
 
 // Of the HTTP port's.
@@ -102,7 +107,7 @@ void AddServing(OptionList& list, ServerOptions& o) {
   list.Group("Addresses");
   list.Add("--listen", o.listen, "HOST:PORT",
            "address of the gRPC service; port 0 picks one, which the line \"listening on HOST:PORT\" reports; "
-           "unix:/PATH for a socket")
+           "unix:/PATH for a socket, of at most 107 bytes, at which no other server answers")
       .Check(CheckListen);
   list.Add("--http-listen", o.http_listen, "HOST:PORT",
            "address of /metrics, /livez and /readyz over HTTP; port 0 picks one, which the line \"http on HOST:PORT\" "

@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <future>
+#include <iterator>
 #include <string>
 #include <vector>
 
@@ -23,6 +26,7 @@
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "support/resources/closed_port.h"
+#include "support/resources/temporary_directory.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -241,6 +245,44 @@ TEST_F(LifecycleTest, APortThatIsTaken) {
   const absl::StatusOr<CommandResult> second = RunVoxelpiped({"--listen", server_->address()});
   ASSERT_TRUE(second.ok()) << second.status();
   EXPECT_EQ(second->exit_code, 1);
+}
+
+// gRPC by itself would remove the socket of the first, listen there, and remove it again at its end.
+TEST_F(LifecycleTest, ASocketThatIsTakenIsLeftToItsServer) {
+  const TemporaryDirectory directory;
+  const std::string path = directory / "socket", address = "unix:" + path;
+  const auto call = [&](const std::string& to) {
+    const auto client = Client::Connect(to);
+    return client.ok() ? (*client)->ServerInfo().status() : client.status();
+  };
+  auto first = StartServer({"--listen", address, "--log-level", "warn"});
+  ASSERT_NE(first, nullptr);
+  EXPECT_EQ(first->address(), address);
+  const std::string log = directory / "log";
+  const auto second = ServerProcess::Start({"--listen", address}, log);
+  EXPECT_FALSE(second.ok());
+  std::ifstream said(log);
+  const std::string text{std::istreambuf_iterator<char>(said), {}};
+  EXPECT_THAT(text, HasSubstr("cannot listen on " + address + ": a server listens there"));
+  EXPECT_TRUE(call(address).ok());
+  // A killed server leaves its socket, which the next one replaces.
+  first->Signal(SIGKILL);
+  ASSERT_TRUE(first->Wait().ok());
+  EXPECT_TRUE(std::filesystem::is_socket(path));
+  first = StartServer({"--listen", address, "--log-level", "warn"});
+  ASSERT_NE(first, nullptr);
+  EXPECT_TRUE(call(address).ok());
+  // Another server took the path after someone had removed the socket: it is not the first one's to remove.
+  std::filesystem::remove(path);
+  auto third = StartServer({"--listen", address, "--log-level", "warn"});
+  ASSERT_NE(third, nullptr);
+  first->Signal(SIGTERM);
+  ASSERT_TRUE(first->Wait().ok());
+  EXPECT_TRUE(call(address).ok());
+  third->Signal(SIGTERM);
+  ASSERT_TRUE(third->Wait().ok());
+  EXPECT_FALSE(std::filesystem::exists(path));
+  EXPECT_EQ(directory.FileCount(), 1u) << "the log, and nothing else";
 }
 
 TEST_F(LifecycleTest, ServerInfo) {

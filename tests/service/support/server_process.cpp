@@ -7,6 +7,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
@@ -92,7 +93,8 @@ absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::StartFaulty(const 
 absl::StatusOr<std::unique_ptr<ServerProcess>> ServerProcess::StartProgram(const std::string& program,
                                                                            const std::vector<std::string>& arguments,
                                                                            const std::string& log_path) {
-  std::vector<std::string> all{"--listen", "127.0.0.1:0"};
+  std::vector<std::string> all;
+  if (std::find(arguments.begin(), arguments.end(), "--listen") == arguments.end()) all = {"--listen", "127.0.0.1:0"};
   all.insert(all.end(), arguments.begin(), arguments.end());
   absl::StatusOr<Child> child = Spawn(program, all, log_path);
   if (!child.ok()) return child.status();

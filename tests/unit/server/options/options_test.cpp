@@ -169,6 +169,16 @@ TEST(OptionsTest, WhatIsWrongIsSaidOnOneLineWithTheNextStep) {
   }
 }
 
+TEST(OptionsTest, APathThatIsTooLongForASocketIsRefusedWithTheLimit) {
+  const std::string longest = "unix:/" + std::string(106, 's'), longer = longest + "s";
+  EXPECT_TRUE(Parse({"--listen", longest.c_str()}).command);
+  ::testing::internal::CaptureStderr();
+  EXPECT_EQ(Parse({"--listen", longer.c_str()}).exit_code, 2);
+  EXPECT_NE(::testing::internal::GetCapturedStderr().find("the path of a unix socket has at most 107 bytes, and this "
+                                                          "one 108: /ss"),
+            std::string::npos);
+}
+
 // Each row of the table that names a range "A to B": what lies outside is refused, by a flag and by --check-config
 // alike.
 TEST(OptionsTest, WhatTheTableForbidsIsRefused) {
