@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import time
+import urllib.parse
 
 import pytest
 
@@ -118,6 +119,26 @@ def test_a_local_server_ends_with_its_process(server: LocalServer) -> None:
             return
         time.sleep(0.1)
     pytest.fail("the server still answers")
+
+
+@pytest.mark.parametrize("name", ["n" * 90, "long/" + "n" * 200, "a b%20c#d?e", "\u00fc\u6e29"])
+def test_a_local_server_starts_whatever_the_temporary_folder_is_called(
+    server: LocalServer, tmp_path: pathlib.Path, name: str
+) -> None:
+    folder = tmp_path / name
+    folder.mkdir(parents=True)
+    code = """
+import voxelpipe
+with voxelpipe.local_server() as server, server.client() as client:
+    print(client.server_info().version)
+print(server.server)
+"""
+    environ = {**environment(), "TMPDIR": str(folder)}
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environ)
+    assert ran.returncode == 0, ran.stderr
+    path = pathlib.Path(urllib.parse.unquote(ran.stdout.split("\n")[1].removeprefix("unix:")))
+    assert len(os.fsencode(path)) <= 107
+    assert not path.parent.exists() and not list(folder.iterdir()), "nothing is left"
 
 
 def test_a_local_server_that_does_not_start_says_why(server: LocalServer) -> None:

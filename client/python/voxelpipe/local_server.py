@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import tempfile
 import threading
+import urllib.parse
 import weakref
 from typing import Any, Sequence
 
@@ -18,6 +19,24 @@ PROGRAM_VARIABLE = "VOXELPIPE_VOXELPIPED"
 # The shell ends the server when its standard input closes: also if this process is killed.
 _SUPERVISOR = '"$@" & server=$!; exec >&-; read line; kill "$server"; wait "$server"'
 _STOP_S = 10.0
+_MAX_SOCKET_PATH_BYTES = 107  # Linux's limit
+
+
+def _socket_of(folder: str) -> str:
+    return f"{folder}/socket"
+
+
+def _address_of(folder: str) -> str:
+    return "unix:" + urllib.parse.quote(_socket_of(folder))  # a folder may have any characters, and an address not
+
+
+def _make_folder() -> str:
+    """A folder of this process alone, in which the path of a socket is short enough."""
+    folder = tempfile.mkdtemp(prefix="voxelpipe-")
+    if len(os.fsencode(_socket_of(folder))) <= _MAX_SOCKET_PATH_BYTES:
+        return folder
+    os.rmdir(folder)
+    return tempfile.mkdtemp(prefix="voxelpipe-", dir="/tmp")
 
 
 def find_program() -> str:
@@ -53,7 +72,7 @@ class LocalServer:
     """A running voxelpiped. server: its address. A context manager; also ends with this process."""
 
     def __init__(self, process: "subprocess.Popen[str]", folder: str) -> None:
-        self.server = f"unix:{folder}/socket"
+        self.server = _address_of(folder)
         self._end = weakref.finalize(self, _stop, process, folder, os.getpid())
 
     def client(self, **options: Any) -> Client:
@@ -77,11 +96,13 @@ class LocalServer:
 def local_server(*, program: str = "", options: Sequence[str] = (), timeout: float = 30.0) -> LocalServer:
     """Starts voxelpiped on a unix socket, and waits until it serves.
 
+    The socket is in a new folder of TMPDIR, or of /tmp where the path of TMPDIR is too long for a socket.
+
     program: its path; empty: find_program(). options: further ones of its command line, such as ["--threads", "4"].
     timeout: seconds. Errors: FileNotFoundError; Unavailable with what it printed if it does not start.
     """
     path = program or find_program()
-    folder = tempfile.mkdtemp(prefix="voxelpipe-")
+    folder = _make_folder()
     try:
         with open(os.path.join(folder, "log"), "w", encoding="utf-8") as log:
             process = subprocess.Popen(
@@ -92,7 +113,7 @@ def local_server(*, program: str = "", options: Sequence[str] = (), timeout: flo
                     "sh",
                     path,
                     "--listen",
-                    f"unix:{folder}/socket",
+                    _address_of(folder),
                     *_quick_end(options),
                     *options,
                 ],
