@@ -85,7 +85,7 @@ class TokenServerTest : public WebServerTest {
     EXPECT_TRUE(Logs("\"request\":\"" + id + "\"") || Logs("\"request\": \"" + id + "\"")) << Log();
     std::istringstream lines(Log());
     for (std::string line; std::getline(lines, line);) {
-      const nlohmann::json parsed = ParseJson(line, false);
+      nlohmann::json parsed = ParseJson(line, false);
       if (parsed.is_object() && parsed.value("request", "") == id) return parsed;
     }
     return {};
