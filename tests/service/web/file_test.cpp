@@ -203,6 +203,7 @@ VoxelizeRequest FewVoxelsOfMany() {
   VoxelizeRequest request;
   request.grid.dims = {{2048, 2048, 2048}};
   request.grid.voxel_size = Vec3d{1, 1, 1};
+  request.grid.origin = Vec3d{0, 0, 0};
   request.result = ResultKind::kSparse;
   return request;
 }
