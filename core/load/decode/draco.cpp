@@ -32,6 +32,7 @@ constexpr uint64_t kSetBytesOfFace = 13, kSetBytesOfPoint = 17;
 constexpr uint32_t kStep = 1 << 18;  // faces or points between two polls of the job
 // Quantized and integer values are decoded to this type and kept until all attributes are decoded.
 constexpr uint64_t kPortableBytes = 4;
+constexpr uint64_t kMinFaces = 65'536, kMinValues = 1 << 20;  // that every stream may have, in all sets
 
 struct DeclaredCounts {
   uint64_t faces = 0, points = 0;
@@ -98,6 +99,19 @@ absl::StatusOr<DeclaredCounts> ReadDeclaredCounts(std::span<const uint8_t> bytes
   return counts;
 }
 
+// Every set takes time and memory for each face, but its connectivity takes hardly any bytes where it has no seams. A
+// flat grid of a million points with five attributes has 105 faces in sets a byte, and 168 values.
+absl::Status CheckSets(const DeclaredCounts& counts, uint64_t bytes, const LoadLimits& limits) {
+  const uint64_t faces = counts.faces * (1 + counts.attribute_sets);
+  const uint64_t most = std::max(kMinFaces, bytes * limits.max_draco_values_per_byte / 2);
+  if (faces <= most) return absl::OkStatus();
+  constexpr uint64_t kFaceBytes = kSetBytesOfFace + kSetBytesOfPoint / 2;  // there are half as many points
+  return MakeLimitError(absl::StrCat("draco: ", counts.faces, " faces for the positions and in each of ",
+                                     counts.attribute_sets, " sets of attributes make ", faces, " of ", bytes,
+                                     " bytes; the limit, half of max_draco_values_per_byte, allows ", most),
+                        {faces * kFaceBytes, most * kFaceBytes, 0});
+}
+
 absl::Status CheckCounts(const DeclaredCounts& counts, uint64_t bytes, const LoadLimits& limits) {
   const uint64_t most = bytes * limits.max_elements_per_byte;
   if (counts.faces > most || counts.points > most) {
@@ -112,7 +126,7 @@ absl::Status CheckCounts(const DeclaredCounts& counts, uint64_t bytes, const Loa
     return absl::ResourceExhaustedError(
         absl::StrCat("draco: ", counts.points, " vertices, the limit is ", limits.max_vertices));
   }
-  return absl::OkStatus();
+  return CheckSets(counts, bytes, limits);
 }
 
 DracoAttribute::Kind KindOf(draco::GeometryAttribute::Type type) {
@@ -233,8 +247,6 @@ class GuardedDecoder final : public Base {
                                        stream_bytes_, " bytes; the limit max_draco_values_per_byte allows ", most),
                           {values * sizeof(float), most * sizeof(float), 0});
   }
-
-  static constexpr uint64_t kMinValues = 1 << 20;  // that every stream may have
 
   const JobContext& job_;
   const LoadLimits& limits_;

@@ -39,9 +39,10 @@ struct DracoMesh {
 };
 
 // In: a whole Draco bitstream. Out: its mesh; a point cloud gives no triangles. Before anything is allocated, declared
-// counts are checked against the byte size and the limits and charged to the job's memory: first faces and points; once
-// attributes are declared, their values. The job is polled between connectivity and the groups of attributes, but not
-// within these steps. Errors: INVALID_ARGUMENT saying what is broken; RESOURCE_EXHAUSTED naming the limit; the job's.
+// counts are checked against the byte size and the limits and charged to the job's memory: first faces, points and sets
+// of attributes; once attributes are declared, their values. The job is polled between connectivity and the groups of
+// attributes, but not within these steps, which take time in proportion to the file. Errors: INVALID_ARGUMENT saying
+// what is broken; RESOURCE_EXHAUSTED naming the limit; the job's.
 absl::StatusOr<DracoMesh> DecodeDraco(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits);
 
 // A plain .drc file as a scene of one node, one mesh and one primitive (none for a point cloud). Generic attributes

@@ -216,6 +216,68 @@ TEST(DracoBombTest, PointsTimesAttributesAreBoundedBeforeTheyAreDecoded) {
   EXPECT_TRUE(DecodeDraco({}, bytes, ample).ok());
 }
 
+// A flat grid of n x n points with three floats each, and further attributes: bytes of a constant value, or the grid's
+// own floats again.
+std::vector<uint8_t> EncodeGrid(int n, int constants, int copies) {
+  draco::Mesh mesh;
+  mesh.SetNumFaces(size_t(2 * (n - 1) * (n - 1)));
+  mesh.set_num_points(uint32_t(n * n));
+  draco::FaceIndex face(0);
+  for (int y = 0; y + 1 < n; ++y) {
+    for (int x = 0; x + 1 < n; ++x) {
+      const draco::PointIndex a(uint32_t(y * n + x)), c(uint32_t((y + 1) * n + x));
+      mesh.SetFace(face++, {a, a + 1, c});
+      mesh.SetFace(face++, {a + 1, c + 1, c});
+    }
+  }
+  const auto add = [&](draco::GeometryAttribute::Type type, int components, draco::DataType of) {
+    draco::GeometryAttribute attribute;
+    const int64_t stride = draco::DataTypeLength(of) * components;
+    attribute.Init(type, nullptr, uint8_t(components), of, false, stride, 0);
+    return mesh.attribute(mesh.AddAttribute(attribute, true, uint32_t(n * n)));
+  };
+  for (int i = 0; i <= copies; ++i) {
+    using Attribute = draco::GeometryAttribute;
+    draco::PointAttribute* const floats = add(i == 0 ? Attribute::POSITION : Attribute::GENERIC, 3, draco::DT_FLOAT32);
+    for (int p = 0; p < n * n; ++p) {
+      const float value[3] = {float(p % n), float(p / n), 0};
+      floats->SetAttributeValue(draco::AttributeValueIndex(uint32_t(p)), value);
+    }
+  }
+  for (int i = 0; i < constants; ++i) {
+    draco::PointAttribute* const bytes = add(draco::GeometryAttribute::GENERIC, 1, draco::DT_UINT8);
+    const uint8_t value = 7;
+    for (int p = 0; p < n * n; ++p) bytes->SetAttributeValue(draco::AttributeValueIndex(uint32_t(p)), &value);
+  }
+  draco::ExpertEncoder encoder(mesh);
+  encoder.SetEncodingMethod(draco::MESH_EDGEBREAKER_ENCODING);
+  encoder.SetSpeedOptions(0, 0);
+  for (int i = 0; i <= copies; ++i) encoder.SetAttributeQuantization(i, 11);
+  draco::EncoderBuffer buffer;
+  EXPECT_TRUE(encoder.EncodeToBuffer(&buffer).ok());
+  return {buffer.data(), buffer.data() + buffer.size()};
+}
+
+// 237 KB made a decoder of connectivity take 12 s and 4 GB: a set of attributes without seams takes hardly any bytes.
+TEST(DracoBombTest, SetsOfAttributesAreBoundedBeforeConnectivityIsDecoded) {
+  std::vector<uint8_t> bomb = EncodeGrid(200, 60, 0);
+  for (const bool readable : {true, false}) {
+    if (!readable) std::fill(bomb.begin() + 24, bomb.end(), uint8_t{0});  // behind the counts
+    const absl::Status status = DecodeDraco({}, bomb, {}).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
+    EXPECT_TRUE(LimitErrorOf(status).has_value());
+    EXPECT_THAT(std::string(status.message()), HasSubstr("79202 faces for the positions and in each of 60 sets"));
+    EXPECT_THAT(std::string(status.message()), HasSubstr("max_draco_values_per_byte"));
+  }
+}
+
+TEST(DracoBombTest, AFlatGridWithAFewAttributesIsNone) {
+  const auto mesh = DecodeDraco({}, EncodeGrid(300, 2, 2), {});
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  EXPECT_EQ(mesh->triangles.size(), 2u * 299 * 299);
+  EXPECT_EQ(mesh->attributes.size(), 5u);
+}
+
 TEST(DracoHeaderTest, AnUnknownGeometryTypeIsNoPointCloud) {
   const std::vector<uint8_t> bytes = {'D', 'R', 'A', 'C', 'O', 2, 2, 9, 0, 0, 0, 1, 0, 0, 0, 0};
   const absl::Status s = LoadDraco(JobContext(), bytes, {}).status();
