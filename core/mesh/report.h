@@ -18,18 +18,19 @@ struct MeshReport {
 };
 
 // Number of edges used by an odd number of triangles after welding equal positions (-0 = +0). 0 means closed.
-// A degenerate edge (both ends equal after welding) is no edge. O(n log n) time, 8 bytes an edge and 8 a vertex.
-uint64_t CountOpenEdges(const TriangleMesh& mesh);
+// A degenerate edge (both ends equal after welding) is no edge. O(n log n) time; 8 bytes an edge and 8 a vertex are
+// charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED; the job's. May throw bad_alloc.
+absl::StatusOr<uint64_t> CountOpenEdges(const JobContext& job, const TriangleMesh& mesh);
 
-// Number of triangles of zero area in world space (exactly collinear or with equal corners). O(triangles).
-uint64_t CountDegenerateTriangles(const TriangleMesh& mesh);
+// Number of triangles of zero area in world space (exactly collinear or with equal corners). O(triangles). Errors: the
+// job's.
+absl::StatusOr<uint64_t> CountDegenerateTriangles(const JobContext& job, const TriangleMesh& mesh);
 
-MeshReport ReportMesh(const TriangleMesh& mesh);
-// The same for a job that may end; its scratch memory is charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED; the
-// job's, at most one sort after it ended.
-absl::StatusOr<MeshReport> ReportMeshFor(const JobContext& job, const TriangleMesh& mesh);
+// Errors and memory: those of CountOpenEdges.
+absl::StatusOr<MeshReport> ReportMesh(const JobContext& job, const TriangleMesh& mesh);
 
-// The cheap part of ReportMesh: no welding, no sort; degenerate triangles and open edges stay 0. O(triangles).
-MeshReport BoxReport(const TriangleMesh& mesh);
+// The cheap part of ReportMesh: no welding, no sort; degenerate triangles and open edges stay 0. O(triangles). Errors:
+// the job's.
+absl::StatusOr<MeshReport> BoxReport(const JobContext& job, const TriangleMesh& mesh);
 
 }  // namespace voxelpipe

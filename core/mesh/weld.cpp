@@ -1,8 +1,6 @@
 #include "mesh/weld.h"
 
-#include <tbb/parallel_sort.h>
-
-#include <numeric>
+#include "base/long_loops.h"
 
 namespace voxelpipe {
 namespace {
@@ -22,17 +20,24 @@ bool Before(const Vec3d& a, const Vec3d& b) {
 
 }  // namespace
 
-WeldedVertices Weld(const std::vector<Vec3d>& positions) {
-  std::vector<uint32_t> order(positions.size());
-  std::iota(order.begin(), order.end(), 0u);
-  tbb::parallel_sort(order.begin(), order.end(),
-                     [&](uint32_t a, uint32_t b) { return Before(positions[a], positions[b]); });
+absl::StatusOr<WeldedVertices> Weld(const JobContext& job, const std::vector<Vec3d>& positions) {
+  std::vector<uint32_t> order;
+  order.reserve(positions.size());
+  absl::Status over = InSteps(job, positions.size(), [&](uint64_t begin, uint64_t end) {
+    for (uint64_t i = begin; i < end; ++i) order.push_back(uint32_t(i));
+  });
+  if (!over.ok()) return over;
+  over = ParallelSort(job, order, [&](uint32_t a, uint32_t b) { return Before(positions[a], positions[b]); });
+  if (!over.ok()) return over;
   WeldedVertices welded;
-  welded.id.resize(positions.size());
-  for (size_t i = 0; i < order.size(); ++i) {
-    welded.count += i == 0 || Before(positions[order[i - 1]], positions[order[i]]);
-    welded.id[order[i]] = uint32_t(welded.count - 1);
-  }
+  if (over = Resize(job, welded.id, order.size()); !over.ok()) return over;
+  over = InSteps(job, order.size(), [&](uint64_t begin, uint64_t end) {
+    for (uint64_t i = begin; i < end; ++i) {
+      welded.count += i == 0 || Before(positions[order[i - 1]], positions[order[i]]);
+      welded.id[order[i]] = uint32_t(welded.count - 1);
+    }
+  });
+  if (!over.ok()) return over;
   return welded;
 }
 

@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "base/vec.h"
 
 namespace voxelpipe {
@@ -17,7 +19,7 @@ struct WeldedVertices {
 inline constexpr uint64_t kWeldBytes = 2 * sizeof(uint32_t);
 
 // In: fewer than 2^32 positions. Out: ids in ascending order of (x, y, z), so that they do not depend on threads;
-// -0 equals +0, and NaN equals NaN. O(n log n) time. May throw bad_alloc.
-WeldedVertices Weld(const std::vector<Vec3d>& positions);
+// -0 equals +0, and NaN equals NaN. O(n log n) time. Errors: the job's. May throw bad_alloc.
+absl::StatusOr<WeldedVertices> Weld(const JobContext& job, const std::vector<Vec3d>& positions);
 
 }  // namespace voxelpipe

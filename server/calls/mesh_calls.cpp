@@ -239,7 +239,7 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> UploadMeshCall::Load(std::vector<uint8
     absl::StatusOr<LoadedMesh> loaded =
         LoadMesh(std::move(file), {type, {}, state_.limits.load}, state_.limits.load_workers, job);
     if (!loaded.ok()) return loaded.status();
-    return std::make_shared<KeptMesh>(id, type, file_bytes, *std::move(loaded));
+    return KeptMesh::Make(job, id, type, file_bytes, *std::move(loaded));
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory for the mesh");
   } catch (const std::exception& error) {

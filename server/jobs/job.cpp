@@ -87,13 +87,10 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
     if (!loaded.ok()) return loaded.status();
     auto prepared = std::make_shared<PreparedMesh>();
     prepared->examined = config.request.fill != Fill::kNone;
-    if (prepared->examined) {
-      absl::StatusOr<MeshReport> report = ReportMeshFor(job, loaded->mesh);
-      if (!report.ok()) return report.status();
-      prepared->report = *report;
-    } else {
-      prepared->report = BoxReport(loaded->mesh);
-    }
+    const absl::StatusOr<MeshReport> report =
+        prepared->examined ? ReportMesh(job, loaded->mesh) : BoxReport(job, loaded->mesh);
+    if (!report.ok()) return report.status();
+    prepared->report = *report;
     prepared->mesh = std::make_shared<const TriangleMesh>(std::move(loaded->mesh));
     prepared->contents = std::move(loaded->contents);
     prepared->stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};

@@ -67,11 +67,8 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   const std::chrono::duration<double, std::milli> load_time = std::chrono::steady_clock::now() - begin;
   prepared->stages.emplace_back("load", load_time.count());
   job.Report("load", 1);
-  if (!prepared->examined) {
-    prepared->report = BoxReport(*prepared->mesh);
-    return prepared;
-  }
-  const absl::StatusOr<MeshReport> report = ReportMeshFor(job, *prepared->mesh);
+  const absl::StatusOr<MeshReport> report =
+      prepared->examined ? ReportMesh(job, *prepared->mesh) : BoxReport(job, *prepared->mesh);
   if (!report.ok()) return report.status();
   prepared->report = *report;
   return prepared;

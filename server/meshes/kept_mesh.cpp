@@ -71,7 +71,14 @@ std::shared_ptr<TriangleMesh> CopyWithImages(const TriangleMesh& mesh) {
 
 }  // namespace
 
-KeptMesh::KeptMesh(std::string id, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded)
+absl::StatusOr<std::shared_ptr<KeptMesh>> KeptMesh::Make(const JobContext& job, std::string id, MeshFileType type,
+                                                         uint64_t file_bytes, LoadedMesh loaded) {
+  const absl::StatusOr<MeshReport> report = BoxReport(job, loaded.mesh);
+  if (!report.ok()) return report.status();
+  return std::make_shared<KeptMesh>(std::move(id), type, file_bytes, std::move(loaded), *report);
+}
+
+KeptMesh::KeptMesh(std::string id, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded, const MeshReport& report)
     : id_(std::move(id)),
       type_(type),
       file_bytes_(file_bytes),
@@ -79,7 +86,7 @@ KeptMesh::KeptMesh(std::string id, MeshFileType type, uint64_t file_bytes, Loade
       vertices_(loaded.mesh.positions.size()) {
   loaded.mesh.content_id = id_;
   ReleaseCharges(loaded.mesh);  // counted here from now on
-  facts_.report = BoxReport(loaded.mesh);
+  facts_.report = report;
   CheckImages(loaded.mesh);
   facts_.warnings = AllWarningsOf(loaded.mesh);
   mesh_ = std::make_shared<const TriangleMesh>(std::move(loaded.mesh));
@@ -147,7 +154,7 @@ absl::StatusOr<KeptMesh::Facts> KeptMesh::Examine(const JobContext& job) {
   std::unique_lock preparing(preparing_, std::defer_lock);
   if (absl::Status s = Lock(preparing, job); !s.ok()) return s;
   if (Facts facts = Report(); facts.examined) return facts;
-  const absl::StatusOr<MeshReport> report = ReportMeshFor(job, *mesh_);
+  const absl::StatusOr<MeshReport> report = ReportMesh(job, *mesh_);
   if (!report.ok()) return report.status();
   const std::lock_guard lock(mutex_);
   const Facts facts{*report, true, facts_.warnings};

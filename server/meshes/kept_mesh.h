@@ -25,8 +25,12 @@ class LoadWorkers;
 // Thread-safe. Returned meshes never change: textures are decoded into a copy, which replaces the mesh.
 class KeptMesh {
  public:
-  // `id`: that of MeshIdOf (wire/mesh_id.h). `type`: of the file, its format not kAuto.
-  KeptMesh(std::string id, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded);
+  // `id`: that of MeshIdOf (wire/mesh_id.h). `type`: of the file, its format not kAuto. Errors: the job's. May throw
+  // bad_alloc.
+  static absl::StatusOr<std::shared_ptr<KeptMesh>> Make(const JobContext& job, std::string id, MeshFileType type,
+                                                        uint64_t file_bytes, LoadedMesh loaded);
+  // `report`: BoxReport of the mesh.
+  KeptMesh(std::string id, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded, const MeshReport& report);
 
   const std::string& id() const { return id_; }
   const MeshFileType& type() const { return type_; }
@@ -62,7 +66,7 @@ class KeptMesh {
   };
   Facts Report() const;
   // The same with degenerate triangles and open edges, which the first call counts while others wait. Errors: those of
-  // ReportMeshFor, the job's. May throw bad_alloc.
+  // ReportMesh, the job's. May throw bad_alloc.
   absl::StatusOr<Facts> Examine(const JobContext& job);
 
  private:

@@ -116,10 +116,11 @@ absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const MeshReading&
   warnings.Append(AllWarningsOf(loaded->mesh));
   const absl::StatusOr<MeshHealth> health = CheckHealth(job, loaded->mesh);
   if (!health.ok()) return health.status();
-  MeshReport report = BoxReport(loaded->mesh);
-  report.degenerate_triangles = health->degenerate_triangles;
-  report.open_edges = health->edges.open;
-  return MeshFacts{report,
+  absl::StatusOr<MeshReport> report = BoxReport(job, loaded->mesh);
+  if (!report.ok()) return report.status();
+  report->degenerate_triangles = health->degenerate_triangles;
+  report->open_edges = health->edges.open;
+  return MeshFacts{*report,
                    std::move(loaded->contents),
                    std::move(warnings),
                    {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}},

@@ -33,7 +33,11 @@ class LocalEngine : public Engine {
       if (absl::Status status = WriteTo(last, sink); !status.ok()) return status;
       if (whole != nullptr) *whole = std::move(last);
     }
-    if (request.fill != Fill::kNone) run.open_edges = CountOpenEdges(loaded->mesh);
+    if (request.fill != Fill::kNone) {
+      const absl::StatusOr<uint64_t> open_edges = CountOpenEdges(job, loaded->mesh);
+      if (!open_edges.ok()) return open_edges.status();
+      run.open_edges = *open_edges;
+    }
     return run;
   }
 

@@ -57,13 +57,10 @@ absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uin
     outcome.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
     outcome.peak_bytes = loaded->peak_bytes;
     outcome.examined = request.fill != Fill::kNone;
-    if (outcome.examined) {
-      absl::StatusOr<MeshReport> report = ReportMeshFor(job, loaded->mesh);
-      if (!report.ok()) return report.status();
-      outcome.report = *report;
-    } else {
-      outcome.report = BoxReport(loaded->mesh);
-    }
+    const absl::StatusOr<MeshReport> report =
+        outcome.examined ? ReportMesh(job, loaded->mesh) : BoxReport(job, loaded->mesh);
+    if (!report.ok()) return report.status();
+    outcome.report = *report;
     const PlanLimits limits = LimitsInProcess(job);
     absl::StatusOr<VoxelizeResult> result =
         voxelpipe::Voxelize(loaded->mesh, request, {.job = job, .limits = limits, .on_device = on_device});

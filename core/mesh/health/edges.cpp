@@ -2,14 +2,13 @@
 // smaller id as the root, so that the result does not depend on the order of the edges.
 #include "mesh/health/edges.h"
 
-#include <tbb/parallel_for.h>
-#include <tbb/parallel_sort.h>
-
 #include <algorithm>
-#include <numeric>
 #include <string_view>
 #include <tuple>
 #include <utility>
+
+#include "base/long_loops.h"
+#include "base/parallel.h"
 
 namespace voxelpipe {
 namespace {
@@ -25,10 +24,11 @@ struct Edge {
   bool Joins(const Edge& b) const { return low == b.low && high == b.high; }
 };
 
-std::vector<Edge> ListEdges(const TriangleMesh& mesh, const WeldedVertices& welded,
-                            const std::vector<uint8_t>& left_out) {
-  std::vector<Edge> edges(mesh.triangles.size() * 3);
-  tbb::parallel_for(size_t{0}, mesh.triangles.size(), [&](size_t t) {
+absl::StatusOr<std::vector<Edge>> ListEdges(const JobContext& job, const TriangleMesh& mesh,
+                                            const WeldedVertices& welded, const std::vector<uint8_t>& left_out) {
+  std::vector<Edge> edges;
+  if (absl::Status over = Resize(job, edges, mesh.triangles.size() * 3); !over.ok()) return over;
+  const auto list = [&](size_t t) {
     const auto& corners = mesh.triangles[t];
     const uint32_t id[3] = {welded.id[corners[0]], welded.id[corners[1]], welded.id[corners[2]]};
     const bool none = id[0] == id[1] || id[1] == id[2] || id[2] == id[0] || (!left_out.empty() && left_out[t] != 0);
@@ -39,26 +39,25 @@ std::vector<Edge> ListEdges(const TriangleMesh& mesh, const WeldedVertices& weld
                                  : a < b ? Edge{a, b, uint32_t(t), 1}
                                          : Edge{b, a, uint32_t(t), 0};
     }
-  });
+  };
+  absl::Status over =
+      ParallelChunks(int64_t(mesh.triangles.size()), int64_t(kElementsAStep), job, [&](int64_t begin, int64_t end) {
+        for (int64_t t = begin; t < end; ++t) list(size_t(t));
+      });
+  if (!over.ok()) return over;
   return edges;
 }
 
-// Calls use(begin, end) for the edges of each pair of ends.
+// Calls use(first, e) for each edge; `first` is the first of those with the same ends, which follow one another.
 template <typename Use>
 absl::Status ForEachEdge(const JobContext& job, const std::vector<Edge>& edges, const Use& use) {
-  constexpr size_t kBetweenChecks = 1 << 16;
-  size_t next_check = 0;
-  for (size_t begin = 0; begin < edges.size() && edges[begin].low != edges[begin].high;) {
-    if (begin >= next_check) {
-      if (absl::Status over = job.Check(); !over.ok()) return over;
-      next_check = begin + kBetweenChecks;
+  size_t first = 0;
+  return InSteps(job, edges.size(), [&](uint64_t begin, uint64_t end) {
+    for (size_t e = begin; e < end && edges[e].low != edges[e].high; ++e) {
+      if (!edges[e].Joins(edges[first])) first = e;
+      use(first, e);
     }
-    size_t end = begin + 1;
-    while (end < edges.size() && edges[end].Joins(edges[begin])) ++end;
-    use(begin, end);
-    begin = end;
-  }
-  return absl::OkStatus();
+  });
 }
 
 uint32_t RootOf(std::vector<uint32_t>& parent, uint32_t t) {
@@ -77,29 +76,35 @@ absl::StatusOr<ShellList> FindShells(const JobContext& job, const TriangleMesh& 
   const uint64_t triangles = mesh.triangles.size();
   if (absl::Status full = scratch.Grow(triangles, 3 * sizeof(Edge), kWhat); !full.ok()) return full;
   if (absl::Status full = list.memory.Grow(triangles, sizeof(uint32_t), kWhat); !full.ok()) return full;
-  std::vector<Edge> edges = ListEdges(mesh, welded, left_out);
-  if (absl::Status over = job.Check(); !over.ok()) return over;
-  tbb::parallel_sort(edges.begin(), edges.end());
+  absl::StatusOr<std::vector<Edge>> listed = ListEdges(job, mesh, welded, left_out);
+  if (!listed.ok()) return listed.status();
+  std::vector<Edge>& edges = *listed;
+  if (absl::Status over = ParallelSort(job, edges); !over.ok()) return over;
 
   std::vector<uint32_t>& shell_of = list.shell_of;  // first each triangle's parent
-  shell_of.resize(mesh.triangles.size());
-  std::iota(shell_of.begin(), shell_of.end(), 0u);
-  absl::Status over = ForEachEdge(job, edges, [&](size_t begin, size_t end) {
-    for (size_t e = begin + 1; e < end; ++e) {
-      const uint32_t a = RootOf(shell_of, edges[begin].triangle), b = RootOf(shell_of, edges[e].triangle);
-      shell_of[std::max(a, b)] = std::min(a, b);
-    }
+  shell_of.reserve(triangles);
+  absl::Status over = InSteps(job, triangles, [&](uint64_t begin, uint64_t end) {
+    for (uint64_t t = begin; t < end; ++t) shell_of.push_back(uint32_t(t));
+  });
+  if (!over.ok()) return over;
+  over = ForEachEdge(job, edges, [&](size_t first, size_t e) {
+    if (e == first) return;
+    const uint32_t a = RootOf(shell_of, edges[first].triangle), b = RootOf(shell_of, edges[e].triangle);
+    shell_of[std::max(a, b)] = std::min(a, b);
   });
   if (!over.ok()) return over;
   uint64_t roots = 0;  // those without edges among them
-  for (uint32_t t = 0; t < shell_of.size(); ++t) {
-    shell_of[t] = RootOf(shell_of, t);
-    roots += shell_of[t] == t;
-  }
+  over = InSteps(job, triangles, [&](uint64_t begin, uint64_t end) {
+    for (uint32_t t = uint32_t(begin); t < end; ++t) {
+      shell_of[t] = RootOf(shell_of, t);
+      roots += shell_of[t] == t;
+    }
+  });
+  if (!over.ok()) return over;
   if (absl::Status full = list.memory.Grow(roots, sizeof(Shell), kWhat); !full.ok()) return full;
   list.shells.reserve(roots);
   // A root comes before the others of its shell, so that its place can take the shell's number.
-  for (uint32_t t = 0; t < shell_of.size(); ++t) {
+  const auto number = [&](uint32_t t) {
     const auto& corners = mesh.triangles[t];
     const uint32_t a = welded.id[corners[0]], b = welded.id[corners[1]], c = welded.id[corners[2]];
     if (a == b || b == c || c == a || (!left_out.empty() && left_out[t] != 0)) {
@@ -111,13 +116,18 @@ absl::StatusOr<ShellList> FindShells(const JobContext& job, const TriangleMesh& 
       shell_of[t] = shell_of[shell_of[t]];
       ++list.shells[shell_of[t]].triangles;
     }
-  }
+  };
+  over = InSteps(job, triangles, [&](uint64_t begin, uint64_t end) {
+    for (uint32_t t = uint32_t(begin); t < end; ++t) number(t);
+  });
+  if (!over.ok()) return over;
 
-  over = ForEachEdge(job, edges, [&](size_t begin, size_t end) {
-    const size_t uses = end - begin;
-    size_t rising = 0;
-    for (size_t e = begin; e < end; ++e) rising += edges[e].rises;
-    Shell& shell = list.shells[shell_of[edges[begin].triangle]];
+  size_t rising = 0;  // of the edges with the same ends so far
+  over = ForEachEdge(job, edges, [&](size_t first, size_t e) {
+    rising = (e == first ? 0 : rising) + edges[e].rises;
+    if (e + 1 < edges.size() && edges[e + 1].Joins(edges[first])) return;
+    const size_t uses = e + 1 - first;
+    Shell& shell = list.shells[shell_of[edges[first].triangle]];
     ++list.counts.edges;
     list.counts.non_manifold += uses > 2;
     if (uses % 2 == 1) {

@@ -43,7 +43,7 @@ struct ShellList {
 
 // In: a mesh of fewer than 2^32 triangles, its welded vertices, and for each triangle whether it is left out (empty:
 // none). O(n log n) time; 52 bytes a triangle and 80 a shell are charged to MemoryOf(job). Errors: RESOURCE_EXHAUSTED;
-// the job's, at most one sort after it ended. May throw bad_alloc.
+// the job's. May throw bad_alloc.
 absl::StatusOr<ShellList> FindShells(const JobContext& job, const TriangleMesh& mesh, const WeldedVertices& welded,
                                      const std::vector<uint8_t>& left_out);
 

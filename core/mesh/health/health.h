@@ -27,8 +27,8 @@ struct MeshHealth {
 
 // In: a mesh of fewer than 2^32 triangles and vertices. Out: its health. Triangles with a vertex that is not finite
 // count among duplicate and degenerate ones only. O(n log n) time; its scratch memory, at most 9 bytes a vertex, 53 a
-// triangle and 120 a shell, is charged to MemoryOf(job). Deterministic. Errors: RESOURCE_EXHAUSTED; the job's, at most
-// one sort after it ended. May throw bad_alloc.
+// triangle and 120 a shell, is charged to MemoryOf(job). Deterministic. Errors: RESOURCE_EXHAUSTED; the job's. May
+// throw bad_alloc.
 absl::StatusOr<MeshHealth> CheckHealth(const JobContext& job, const TriangleMesh& mesh);
 
 }  // namespace voxelpipe

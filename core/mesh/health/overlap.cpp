@@ -8,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/long_loops.h"
 #include "mesh/health/shells.h"
 #include "raster/crossing.h"
 
@@ -15,17 +16,36 @@ namespace voxelpipe {
 namespace {
 
 constexpr uint64_t kTestsEach = 256, kTestsMore = 1 << 24;
-constexpr size_t kBetweenChecks = 1 << 12;
+
+// Polls a job between steps of about the same amount of work.
+class Polls {
+ public:
+  explicit Polls(const JobContext& job) : job_(job) {}
+  // True if the job ended. `work`: the elements since the last call.
+  bool Ended(uint64_t work) {
+    done_ += work;
+    if (ended_ || done_ < kElementsAStep) return ended_;
+    done_ = 0;
+    return ended_ = !job_.Check().ok();
+  }
+
+ private:
+  const JobContext& job_;
+  uint64_t done_ = 0;
+  bool ended_ = false;
+};
 
 // The triangles of the closed shells, listed for each cell of a grid over y and z that a triangle's box touches.
 class Columns {
  public:
-  // In: the number of triangles of closed shells, at least 1.
-  Columns(const TriangleMesh& mesh, const ShellList& list, uint64_t triangles) : mesh_(mesh), list_(list) {
+  // In: the number of triangles of closed shells, at least 1. If the job ended, the lists are incomplete.
+  Columns(const JobContext& job, const TriangleMesh& mesh, const ShellList& list, uint64_t triangles, Polls& polls)
+      : mesh_(mesh), list_(list), polls_(polls) {
     constexpr double kMaxCells = 2048;  // an axis
     bool first = true;
     Vec3d max{};
     for (const Shell& shell : list.shells) {
+      if (polls_.Ended(1)) return;
       if (!shell.closed) continue;
       for (int a = 0; a < 3; ++a) {
         min_[a] = first ? shell.min[a] : Min(min_[a], shell.min[a]);
@@ -42,9 +62,10 @@ class Columns {
       if (cells_ == 1 || CountEntries() <= 8 * triangles) break;
     }
     begin_.assign(size_t(cells_ * cells_) + 1, 0);
+    if (polls_.Ended(0)) return;
     ForEachEntry([&](size_t cell, uint32_t) { ++begin_[cell + 1]; });
     std::partial_sum(begin_.begin(), begin_.end(), begin_.begin());
-    triangles_.resize(begin_.back());
+    if (!Resize(job, triangles_, begin_.back()).ok()) return;
     std::vector<uint32_t> next(begin_.begin(), begin_.end() - 1);
     ForEachEntry([&](size_t cell, uint32_t t) { triangles_[next[cell]++] = t; });
   }
@@ -55,11 +76,12 @@ class Columns {
   }
 
   // Calls hit(shell, sign) for each crossing of the line from `p` (placed) towards +x; sign is +1 where it leaves a
-  // shell that faces outward. Returns the number of triangles tested.
+  // shell that faces outward. Returns the number of triangles tested. If the job ended, some crossings are missing.
   template <typename Hit>
   uint64_t Cast(const Vec3d& p, uint32_t own, const Hit& hit) const {
     const size_t cell = CellOf(p.y, p.z);
     for (uint32_t e = begin_[cell]; e < begin_[cell + 1]; ++e) {
+      if (polls_.Ended(1)) break;
       const uint32_t t = triangles_[e];
       if (list_.shell_of[t] == own) continue;
       const Vec3d a = Corner(t, 0), b = Corner(t, 1), c = Corner(t, 2);
@@ -78,7 +100,7 @@ class Columns {
   // Calls box(t, y0, y1, z0, z1) for each triangle with its inclusive range of cells.
   template <typename Box>
   void ForEachBox(const Box& box) const {
-    for (uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
+    for (uint32_t t = 0; t < mesh_.triangles.size() && !polls_.Ended(1); ++t) {
       if (list_.shell_of[t] == kNoShell || !list_.shells[list_.shell_of[t]].closed) continue;
       const Vec3d a = Corner(t, 0), b = Corner(t, 1), c = Corner(t, 2);
       box(t, Clamped(Min(a.y, Min(b.y, c.y))), Clamped(Max(a.y, Max(b.y, c.y))), Clamped(Min(a.z, Min(b.z, c.z))),
@@ -95,7 +117,7 @@ class Columns {
   template <typename Entry>
   void ForEachEntry(const Entry& entry) const {
     ForEachBox([&](uint32_t t, int64_t y0, int64_t y1, int64_t z0, int64_t z1) {
-      for (int64_t z = z0; z <= z1; ++z) {
+      for (int64_t z = z0; z <= z1 && !polls_.Ended(uint64_t(y1 - y0 + 1)); ++z) {
         for (int64_t y = y0; y <= y1; ++y) entry(size_t(z * cells_ + y), t);
       }
     });
@@ -103,6 +125,7 @@ class Columns {
 
   const TriangleMesh& mesh_;
   const ShellList& list_;
+  Polls& polls_;
   Vec3d min_{}, scale_{};
   int64_t cells_ = 1;                // of each of the two axes
   std::vector<uint32_t> begin_;      // of each cell in triangles_, and the end of the last
@@ -119,22 +142,25 @@ struct Samples {
 // Samples all closed shells. Sets `undecided` on those for which no tests are left.
 class Sampler {
  public:
-  Sampler(const TriangleMesh& mesh, const ShellList& list, uint64_t triangles)
-      : mesh_(mesh), list_(list), columns_(mesh, list, triangles), tests_left_(kTestsEach * triangles + kTestsMore) {}
+  Sampler(const JobContext& job, const TriangleMesh& mesh, const ShellList& list, uint64_t triangles)
+      : job_(job),
+        mesh_(mesh),
+        list_(list),
+        polls_(job),
+        columns_(job, mesh, list, triangles, polls_),
+        tests_left_(kTestsEach * triangles + kTestsMore) {}
 
-  absl::Status Run(const JobContext& job, std::vector<Samples>& samples) {
+  absl::Status Run(std::vector<Samples>& samples) {
+    if (absl::Status over = job_.Check(); !over.ok()) return over;  // the columns are incomplete
     // One sample of each shell first, so that a few large shells do not use up the tests.
     for (uint32_t s = 0; s < samples.size(); ++s) {
-      if (s % kBetweenChecks == 0) {
-        if (absl::Status over = job.Check(); !over.ok()) return over;
-      }
+      if (polls_.Ended(1)) return job_.Check();
       if (list_.shells[s].closed) Take(s, list_.shells[s].first_triangle, 0, samples[s]);
     }
-    std::vector<uint8_t> taken(mesh_.positions.size());
+    std::vector<uint8_t> taken;
+    if (absl::Status over = Resize(job_, taken, mesh_.positions.size()); !over.ok()) return over;
     for (uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
-      if (t % kBetweenChecks == 0) {
-        if (absl::Status over = job.Check(); !over.ok()) return over;
-      }
+      if (polls_.Ended(1)) return job_.Check();
       const uint32_t s = list_.shell_of[t];
       if (s == kNoShell || !list_.shells[s].closed) continue;
       constexpr uint64_t kSampledTriangles = 256;
@@ -147,7 +173,7 @@ class Sampler {
         }
       }
     }
-    return absl::OkStatus();
+    return job_.Check();
   }
 
  private:
@@ -164,7 +190,7 @@ class Sampler {
     const uint64_t tests =
         columns_.Cast(columns_.Place(p), s, [&](uint32_t other, int sign) { hits_.emplace_back(other, sign); });
     tests_left_ -= std::min(tests_left_, tests + 1);
-    std::sort(hits_.begin(), hits_.end());
+    if (!ParallelSort(job_, hits_).ok()) return;  // the caller polls
     bool inside = false;
     int sum = 0;
     for (size_t begin = 0, end = 0; begin < hits_.size(); begin = end) {
@@ -178,8 +204,10 @@ class Sampler {
     samples.inside += inside;
   }
 
+  const JobContext& job_;
   const TriangleMesh& mesh_;
   const ShellList& list_;
+  Polls polls_;
   Columns columns_;
   uint64_t tests_left_;
   std::vector<std::pair<uint32_t, int>> hits_;  // of one sample: shell and sign
@@ -195,16 +223,21 @@ bool BoxesOverlap(const Shell& a, const Shell& b) {
 // Sets `boxes` on both shells of each pair of which no sample lies inside another: a sweep along x.
 absl::Status FindBoxPairs(const JobContext& job, const ShellList& list, std::vector<Samples>& samples) {
   std::vector<uint32_t> order, active;
-  for (uint32_t s = 0; s < samples.size(); ++s) {
-    if (list.shells[s].closed && samples[s].inside == 0) order.push_back(s);
-  }
-  std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) {
+  absl::Status over = InSteps(job, samples.size(), [&](uint64_t begin, uint64_t end) {
+    for (uint32_t s = uint32_t(begin); s < end; ++s) {
+      if (list.shells[s].closed && samples[s].inside == 0) order.push_back(s);
+    }
+  });
+  if (!over.ok()) return over;
+  over = ParallelSort(job, order, [&](uint32_t a, uint32_t b) {
     const double x = list.shells[a].min.x, y = list.shells[b].min.x;
     return x < y || (x == y && a < b);
   });
+  if (!over.ok()) return over;
   uint64_t tests_left = kTestsEach * order.size() + kTestsMore;
+  Polls polls(job);
   for (size_t i = 0; i < order.size(); ++i) {
-    if (absl::Status over = i % kBetweenChecks == 0 ? job.Check() : absl::OkStatus(); !over.ok()) return over;
+    if (polls.Ended(1 + active.size())) return job.Check();
     const Shell& shell = list.shells[order[i]];
     if (active.size() > tests_left) {
       for (; i < order.size(); ++i) samples[order[i]].undecided |= !samples[order[i]].boxes;
@@ -224,10 +257,14 @@ absl::Status FindBoxPairs(const JobContext& job, const ShellList& list, std::vec
 
 absl::StatusOr<OverlapCounts> FindOverlaps(const JobContext& job, const TriangleMesh& mesh, const ShellList& list) {
   uint64_t closed = 0, triangles = 0;
-  for (const Shell& shell : list.shells) {
-    closed += shell.closed;
-    triangles += shell.closed ? shell.triangles : 0;
-  }
+  absl::Status over = InSteps(job, list.shells.size(), [&](uint64_t begin, uint64_t end) {
+    for (uint64_t s = begin; s < end; ++s) {
+      const Shell& shell = list.shells[s];
+      closed += shell.closed;
+      triangles += shell.closed ? shell.triangles : 0;
+    }
+  });
+  if (!over.ok()) return over;
   OverlapCounts counts;
   if (closed < 2) return counts;
   MemoryCharge charge(&MemoryOf(job));
@@ -236,10 +273,11 @@ absl::StatusOr<OverlapCounts> FindOverlaps(const JobContext& job, const Triangle
   if (absl::Status full = charge.Grow(triangles, kTriangleBytes, kWhat); !full.ok()) return full;
   if (absl::Status full = charge.Grow(list.shells.size(), kShellBytes, kWhat); !full.ok()) return full;
   if (absl::Status full = charge.Grow(mesh.positions.size(), kWhat); !full.ok()) return full;
-  std::vector<Samples> samples(list.shells.size());
-  if (absl::Status over = Sampler(mesh, list, triangles).Run(job, samples); !over.ok()) return over;
-  if (absl::Status over = FindBoxPairs(job, list, samples); !over.ok()) return over;
-  for (size_t s = 0; s < samples.size(); ++s) {
+  std::vector<Samples> samples;
+  if (over = Resize(job, samples, list.shells.size()); !over.ok()) return over;
+  if (over = Sampler(job, mesh, list, triangles).Run(samples); !over.ok()) return over;
+  if (over = FindBoxPairs(job, list, samples); !over.ok()) return over;
+  const auto count = [&](size_t s) {
     const Samples& own = samples[s];
     if (own.inside > 0 && own.inside == own.taken && !own.undecided) {
       ++counts.nested;
@@ -251,7 +289,11 @@ absl::StatusOr<OverlapCounts> FindOverlaps(const JobContext& job, const Triangle
     } else if (own.undecided) {
       ++counts.undecided;
     }
-  }
+  };
+  over = InSteps(job, samples.size(), [&](uint64_t begin, uint64_t end) {
+    for (uint64_t s = begin; s < end; ++s) count(s);
+  });
+  if (!over.ok()) return over;
   return counts;
 }
 

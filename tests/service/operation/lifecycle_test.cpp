@@ -310,7 +310,7 @@ TEST_F(LifecycleTest, EstimateIsWhatComes) {
   ASSERT_TRUE(scene.ok()) << scene.status();
   const absl::StatusOr<TriangleMesh> mesh = Flatten(*scene);
   ASSERT_TRUE(mesh.ok()) << mesh.status();
-  const MeshReport facts = ReportMesh(*mesh);
+  const MeshReport facts = *ReportMesh({}, *mesh);
   Box3d box;
   box.min = facts.min;
   box.max = facts.max;

@@ -28,7 +28,7 @@ absl::Status LoadAll(const JobContext& job, const ByteVector& file) {
   if (!mesh.ok()) return mesh.status();
   *scene = Scene();
   if (absl::Status s = PrepareTexturesFor(job, *mesh, {}, {true, true, true}); !s.ok()) return s;
-  if (const auto report = ReportMeshFor(job, *mesh); !report.ok()) return report.status();
+  if (const auto report = ReportMesh(job, *mesh); !report.ok()) return report.status();
   if (mesh->rig == nullptr) return absl::OkStatus();
   return EvaluatePoseFor(job, *mesh->rig, {}).status();
 }

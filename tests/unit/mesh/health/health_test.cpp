@@ -2,10 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <limits>
 #include <utility>
 
 #include "mesh/health/fill_advice.h"
+#include "mesh/health/shells.h"
+#include "mesh/weld.h"
 #include "support/meshes/meshes.h"
 
 namespace voxelpipe {
@@ -191,6 +194,32 @@ TEST(HealthTest, ManySmallShellsInALargeOneAreAllFound) {
   EXPECT_EQ(health.closed_shells, 301u);
   EXPECT_EQ(health.overlaps.nested, 300u);
   EXPECT_EQ(health.overlaps.undecided, 0u);
+}
+
+// The mesh takes far longer than the job has.
+TEST(HealthTest, AnExaminationEndsMidway) {
+  const TriangleMesh mesh = Soup(400'000, 10, 7);
+  JobContext job;
+  job.set_deadline(JobContext::Clock::now() + std::chrono::milliseconds(5));
+  EXPECT_EQ(CheckHealth(job, mesh).status().code(), absl::StatusCode::kDeadlineExceeded);
+}
+
+// One cell of the grid over y and z holds all triangles, so that a single line meets all of them.
+TEST(HealthTest, OverlapsEndWithTheirJobWhereOneLineMeetsAllShells) {
+  TriangleMesh mesh;
+  for (int i = 0; i < 20'000; ++i) Append(mesh, Cube(1), {2.0 * i, 0, 0});
+  JobContext job;
+  const absl::StatusOr<WeldedVertices> welded = Weld(job, mesh.positions);
+  ASSERT_TRUE(welded.ok());
+  absl::StatusOr<ShellList> list = FindShells(job, mesh, *welded, {});
+  ASSERT_TRUE(list.ok());
+  ASSERT_TRUE(MeasureShells(job, mesh, *list).ok());
+  job.set_deadline(JobContext::Clock::now() + std::chrono::milliseconds(20));
+  EXPECT_EQ(FindOverlaps(job, mesh, *list).status().code(), absl::StatusCode::kDeadlineExceeded);
+  job.Cancel();
+  EXPECT_EQ(FindShells(job, mesh, *welded, {}).status().code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(MeasureShells(job, mesh, *list).code(), absl::StatusCode::kCancelled);
+  EXPECT_EQ(FindOverlaps(job, mesh, *list).status().code(), absl::StatusCode::kCancelled);
 }
 
 TEST(HealthTest, AnEndedJobAndASmallBudgetAreRespected) {

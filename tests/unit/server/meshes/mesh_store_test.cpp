@@ -52,7 +52,7 @@ LoadedMesh Triangle(std::vector<uint8_t> base = kPixel, std::vector<uint8_t> emi
 }
 
 std::shared_ptr<KeptMesh> Kept(char digit, LoadedMesh loaded = Triangle()) {
-  return std::make_shared<KeptMesh>(Id(digit), MeshFormat::kGlb, 100, std::move(loaded));
+  return *KeptMesh::Make({}, Id(digit), MeshFormat::kGlb, 100, std::move(loaded));
 }
 
 constexpr TextureUse kBase{true, false, false}, kEmissive{false, true, false}, kNone{};

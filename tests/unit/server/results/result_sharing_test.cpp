@@ -48,7 +48,7 @@ class ResultSharingTest : public ::testing::Test {
   static std::shared_ptr<KeptMesh> Mesh(char digit) {
     LoadedMesh loaded;
     loaded.mesh.positions = {{0, 0, 0}};
-    return std::make_shared<KeptMesh>(std::string(64, digit), MeshFormat::kGlb, 1, std::move(loaded));
+    return *KeptMesh::Make({}, std::string(64, digit), MeshFormat::kGlb, 1, std::move(loaded));
   }
 
   std::shared_ptr<FakeJob> Job(int64_t resolution = 8) {
