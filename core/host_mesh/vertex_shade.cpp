@@ -9,6 +9,7 @@
 #include <memory>
 
 #include "absl/strings/str_cat.h"
+#include "base/long_loops.h"
 #include "base/parallel.h"
 #include "mesh/views/material_views.h"
 #include "shaders/shader_list.h"
@@ -68,12 +69,13 @@ Bounds BoundsOf(const Vec3d* positions, uint64_t begin, uint64_t end) {
   return {{min, max, false}, odd.x + odd.y + odd.z == 0};
 }
 
-// The box of the used vertices, given the list of unused ones; false if a used one is not finite.
+// The box of the used vertices, given the list of unused ones; false if a used one is not finite, or the job ended.
 bool BoundsByVertices(const HostMesh& state, Box3d& box) {
   const std::vector<uint32_t>& unused = *state.mesh.unused_vertices;
   const Bounds all = tbb::parallel_reduce(
       tbb::blocked_range<uint64_t>(0, state.view.vertex_count, kGrain), Bounds{},
       [&](const tbb::blocked_range<uint64_t>& range, Bounds b) {
+        if (!state.job.Check().ok()) return Bounds{{}, false};
         auto skip = std::lower_bound(unused.begin(), unused.end(), range.begin());
         for (uint64_t begin = range.begin(); begin < range.end();) {
           const uint64_t end = skip == unused.end() ? range.end() : std::min<uint64_t>(range.end(), *skip);
@@ -102,6 +104,7 @@ absl::StatusOr<Box3d> BoundsOfUsed(const HostMesh& state) {
   const Box3d box = tbb::parallel_reduce(
       tbb::blocked_range<uint64_t>(0, view.triangle_count, kGrain), Box3d{},
       [&](const tbb::blocked_range<uint64_t>& range, Box3d b) {
+        if (!state.job.Check().ok()) return b;
         for (uint64_t t = range.begin(); t < range.end(); ++t) {
           for (const uint32_t v : view.triangles[t]) {
             const Vec3d& p = view.positions[v];
@@ -116,6 +119,7 @@ absl::StatusOr<Box3d> BoundsOfUsed(const HostMesh& state) {
         return b;
       },
       [](const Box3d& a, const Box3d& b) { return b.empty ? a : Grow(Grow(a, b.min), b.max); });
+  if (absl::Status over = state.job.Check(); !over.ok()) return over;
   if (bad.load() != UINT64_MAX) {
     return absl::InvalidArgumentError(
         absl::StrCat(DescribeVertex(state.mesh, bad.load()), ": the position is not finite after the vertex shader"));
@@ -256,13 +260,18 @@ absl::Status ShadeVertices(HostMesh& state) {
   if (!work.any()) return absl::OkStatus();
   const TriangleMesh& mesh = state.mesh;
   if (!same) {
-    state.shaded_positions.resize(mesh.positions.size());
-    state.shaded_normals.resize(mesh.normals.size());
-    state.shaded_tangents.resize(mesh.tangents.size());
+    absl::Status over = Resize(state.job, state.shaded_positions, mesh.positions.size());
+    if (over.ok()) over = Resize(state.job, state.shaded_normals, mesh.normals.size());
+    if (over.ok()) over = Resize(state.job, state.shaded_tangents, mesh.tangents.size());
+    if (!over.ok()) return over;
   }
-  if (moves) state.velocities.resize(mesh.positions.size());
+  if (moves) {
+    if (absl::Status over = Resize(state.job, state.velocities, mesh.positions.size()); !over.ok()) return over;
+  }
   absl::Status s = ParallelChunks(int64_t(mesh.positions.size()), kGrain, state.job, [&](int64_t begin, int64_t end) {
-    size_t part = 0;
+    const auto behind = std::upper_bound(mesh.parts.begin(), mesh.parts.end(), uint64_t(begin),
+                                         [](uint64_t v, const MeshPart& p) { return v < p.first_vertex; });
+    size_t part = size_t(std::max<ptrdiff_t>(1, behind - mesh.parts.begin()) - 1);
     for (int64_t i = begin; i < end; ++i) {
       const uint64_t v = uint64_t(i);
       VertexInput in;

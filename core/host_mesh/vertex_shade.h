@@ -34,7 +34,8 @@ VertexWork WorkOf(const HostMesh& mesh, const PosedMesh& posed);
 // Runs the vertex shader on the host; mesh.view then refers to its output.
 absl::Status ShadeVertices(HostMesh& mesh);
 
-// The extent of the mesh in mesh.view. INVALID_ARGUMENT naming the first vertex of a triangle that is not finite.
+// The extent of the mesh in mesh.view. INVALID_ARGUMENT naming the first vertex of a triangle that is not finite; the
+// job's errors.
 absl::StatusOr<MeshExtent> MeasureMesh(const HostMesh& mesh);
 
 // All of it: mesh.view shows the shaded mesh. Out: its extent. Errors: those of MakePose and MeasureMesh.

@@ -17,6 +17,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/checked.h"
+#include "base/long_loops.h"
 #include "mesh/placement.h"
 #include "mesh/scene/pose.h"
 #include "mesh/unused_vertices.h"
@@ -285,16 +286,6 @@ void WriteTriangles(const Placement& p, const MeshPart& part, size_t begin, size
   }
 }
 
-// Like resize, but ends with the job, because writing fresh pages takes long.
-template <typename T>
-void Resize(const JobContext& job, std::vector<T>& values, size_t count, const T& value = T()) {
-  constexpr size_t kStepBytes = 1 << 20;
-  values.reserve(count);
-  while (values.size() < count && job.Check().ok()) {
-    values.resize(std::min(count, values.size() + kStepBytes / sizeof(T)), value);
-  }
-}
-
 // For the mesh's parts; charged to mesh.memory. Incomplete, and not to be used, if the job ended.
 absl::Status AllocateArrays(const JobContext& job, TriangleMesh& mesh) {
   uint64_t vertices = 0, triangles = 0;
@@ -316,15 +307,15 @@ absl::Status AllocateArrays(const JobContext& job, TriangleMesh& mesh) {
   if (absl::Status full = mesh.memory->Grow(triangles, sizeof(mesh.triangles[0]), "the mesh's triangles"); !full.ok()) {
     return full;
   }
-  Resize(job, mesh.positions, vertices);
-  Resize(job, mesh.triangles, triangles);
-  if (normals) Resize(job, mesh.normals, vertices);
-  if (tangents) Resize(job, mesh.tangents, vertices);
-  if (colors) Resize(job, mesh.colors, vertices, Vec4f{1, 1, 1, 1});
+  absl::Status over = Resize(job, mesh.positions, vertices);
+  if (over.ok()) over = Resize(job, mesh.triangles, triangles);
+  if (over.ok() && normals) over = Resize(job, mesh.normals, vertices);
+  if (over.ok() && tangents) over = Resize(job, mesh.tangents, vertices);
+  if (over.ok() && colors) over = Resize(job, mesh.colors, vertices, Vec4f{1, 1, 1, 1});
   for (int s = 0; s < 2; ++s) {
-    if (uv[s]) Resize(job, mesh.uv[s], vertices);
+    if (over.ok() && uv[s]) over = Resize(job, mesh.uv[s], vertices);
   }
-  return job.Check();
+  return over;
 }
 
 // Lists the attributes of all primitives in the mesh, and maps those of each primitive to the list.
@@ -393,7 +384,8 @@ absl::Status AllocateAttributes(const JobContext& job, const std::vector<Placeme
   for (VertexAttribute& attribute : mesh.attributes) {
     uint64_t size = 0;
     for (const AttributeRun& run : attribute.runs) size += (run.end_vertex - run.first_vertex);
-    Resize(job, attribute.values, size * uint64_t(attribute.components));
+    absl::Status over = Resize(job, attribute.values, size * uint64_t(attribute.components));
+    if (!over.ok()) return over;
     if (size == vertices) attribute.runs.clear();             // all vertices have it
     if (size == 0) attribute.runs = {AttributeRun{0, 0, 0}};  // no vertex has it
   }
@@ -473,6 +465,7 @@ absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scen
   // The first bad vertex in id order, so that the message does not depend on the schedule.
   std::atomic<uint64_t> bad{UINT64_MAX};
   tbb::parallel_for(size_t{0}, placements.size(), [&](size_t i) {
+    if (!job.Check().ok()) return;  // there may be ten million, and even a loop that does nothing takes time
     const Placement& p = placements[i];
     const MeshPart& part = mesh.parts[i];
     tbb::parallel_for(tbb::blocked_range<size_t>(0, part.triangle_count, kVertexGrain), [&](const auto& range) {

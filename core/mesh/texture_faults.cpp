@@ -42,7 +42,7 @@ void AddCoordinateWarnings(const TriangleMesh& mesh, const TextureUse& use, Warn
   for (const MeshPart& part : mesh.parts) {
     if (part.triangle_count == 0 || part.material < 0 || size_t(part.material) >= mesh.materials.size()) continue;
     if (part.has_uv[0] && part.has_uv[1]) continue;
-    if (!seen.emplace(part.mesh, part.primitive).second) continue;
+    if (!seen.insert({part.mesh, part.primitive}).second) continue;
     const Material& material = mesh.materials[size_t(part.material)];
     ForEachTexture(material, TexturesOf(material, use), [&](const char* name, const TextureRef& ref) {
       if (ref.texture < 0 || part.has_uv[ref.uv_set == 1 ? 1 : 0]) return;

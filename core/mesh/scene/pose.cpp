@@ -69,7 +69,8 @@ absl::Status Animate(const JobContext& job, const Rig& rig, const PoseQuery& que
   return absl::OkStatus();
 }
 
-absl::Status SetWeights(const Rig& rig, const std::vector<double>& weights, MemoryCharge& charge, NodeState& state) {
+absl::Status SetWeights(const JobContext& job, const Rig& rig, const std::vector<double>& weights, MemoryCharge& charge,
+                        NodeState& state) {
   uint64_t most = 0;
   for (const RigPart& part : rig.parts) most = std::max(most, TargetsOf(part));
   if (weights.size() > most) {
@@ -79,7 +80,10 @@ absl::Status SetWeights(const Rig& rig, const std::vector<double>& weights, Memo
   if (absl::Status full = charge.Grow(state.weights.size(), weights.size() * sizeof(double), kWhat); !full.ok()) {
     return full;
   }
-  for (std::vector<double>& w : state.weights) w = weights;
+  for (std::vector<double>& w : state.weights) {
+    if (absl::Status over = job.Check(); !over.ok()) return over;
+    w = weights;
+  }
   return absl::OkStatus();
 }
 
@@ -121,7 +125,7 @@ absl::StatusOr<std::unique_ptr<Pose>> EvaluatePoseFor(const JobContext& job, con
     if (absl::Status s = Animate(job, rig, query, working, state); !s.ok()) return s;
   }
   if (query.weights) {
-    if (absl::Status s = SetWeights(rig, *query.weights, working, state); !s.ok()) return s;
+    if (absl::Status s = SetWeights(job, rig, *query.weights, working, state); !s.ok()) return s;
   }
   std::vector<Mat4d> world(rig.nodes.size());
   for (const uint32_t n : rig.order) {
