@@ -125,6 +125,7 @@ class Measurer {
     if (lists_ && request_.fill != Fill::kNone) CountFilled(shell, out);
     if (absl::Status s = job_.Check(); !s.ok()) return s;
     out.share_layers = share_layers_;
+    out.closely = true;
     return out;
   }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -16,46 +17,50 @@ namespace {
 
 // Numbers from here on stand for more than can be counted.
 constexpr uint64_t kBeyondCount = uint64_t{1} << 63;
-constexpr double kCoarsest = 0x1p20;  // times the voxel size that was asked for
+constexpr double kFinerStep = 1.01;    // between two voxel sizes that are looked at
+constexpr int64_t kFinerSteps = 1394;  // to the coarsest one, 2^20 times what was asked for
+// A measurement visits every triangle: so many are made before the search takes the best grid that it has.
+constexpr int kMostMeasured = 3;
 
 // Finds what would fit in place of a request that does not.
 class FittingGrid {
  public:
-  FittingGrid(const PlanInput& input, double scale) : input_(input), scale_(scale) {}
-
-  // The largest resolution below the one that was asked for, 0 if none fits.
-  int64_t LargestResolution() const {
-    VoxelizeRequest request = input_.request;
-    int64_t lo = 0, hi = std::min(input_.request.grid.resolution, kMaxGridDim);
-    // Lists are looked at anew for each grid: there the answer is exact to a hundredth.
-    const auto near = [&] { return request.result == ResultKind::kDense ? 1 : std::max<int64_t>(1, lo / 100); };
-    while (hi - lo > near() && stopped_.ok()) {
-      const int64_t middle = lo + (hi - lo) / 2;
-      request.grid.resolution = middle;
-      (Fits(request.grid) ? lo : hi) = middle;
-    }
-    return lo;
+  // `measured`: the surface of the grid that does not fit, or null.
+  FittingGrid(const PlanInput& input, const GridSpec& grid, const Surface* measured, double scale)
+      : input_(input), scale_(scale) {
+    if (measured != nullptr) known_.emplace(Known{grid, *measured});
   }
 
-  // The grid request with the finest voxels of at least the size that was asked for, within a hundredth; none where no
-  // size fits.
-  std::optional<GridRequest> FinestVoxels() const {
-    double lo = 1, hi = 2;
-    for (; !Fits(Coarser(hi)); hi *= 2) {
-      if (hi >= kCoarsest || !stopped_.ok()) return std::nullopt;
-      lo = hi;
-    }
-    while (hi / lo > 1.01 && stopped_.ok()) {
-      const double middle = std::sqrt(lo * hi);
-      (Fits(Coarser(middle)) ? hi : lo) = middle;
-    }
-    return Coarser(hi);
+  // The largest resolution below the one that was asked for, 0 if none fits.
+  int64_t LargestResolution() {
+    // Lists are estimated anew for each grid: there the answer is exact to a hundredth.
+    const bool dense = input_.request.result == ResultKind::kDense;
+    const auto near = [dense](int64_t resolution) { return dense ? 1 : std::max<int64_t>(1, resolution / 100); };
+    return Finest(std::min(input_.request.grid.resolution, kMaxGridDim), near, [this](int64_t resolution) {
+      GridRequest grid = input_.request.grid;
+      grid.resolution = resolution;
+      return grid;
+    });
+  }
+
+  // The grid request with the finest voxels of at least the size that was asked for, within a hundredth or so; none
+  // where no size fits.
+  std::optional<GridRequest> FinestVoxels() {
+    const auto at = [this](int64_t step) { return Coarser(std::pow(kFinerStep, double(kFinerSteps - step))); };
+    const int64_t step = Finest(
+        kFinerSteps, [](int64_t) { return 1; }, at);
+    return step > 0 ? std::optional(at(step)) : std::nullopt;
   }
 
   // Why the search ended early; OK where it did not.
   const absl::Status& stopped() const { return stopped_; }
 
  private:
+  struct Known {
+    GridSpec grid;
+    Surface surface;
+  };
+
   // The same place in voxels that are so many times larger; of a grid that is given, as many of them as fill it
   // exactly.
   GridRequest Coarser(double factor) const {
@@ -73,24 +78,63 @@ class FittingGrid {
     return grid;
   }
 
-  bool Fits(const GridRequest& request) const {
-    const absl::StatusOr<GridSpec> grid = FitGrid(request, input_.mesh.extent.box);
-    if (!grid.ok()) return false;
-    if (double(DenseResultBytes(input_.request, *grid)) * scale_ > double(input_.limits.max_result_bytes)) return false;
-    const absl::StatusOr<Surface> surface = input_.measure(*grid, /*closely=*/true);
-    if (!surface.ok()) {
-      stopped_ = surface.status();
-      return false;
+  // In: grids at(1), at(2), ..., each finer than the one before, of which at(count) does not fit; how far below the
+  // finest one that fits an answer may lie. Out: the number of one that fits as measured, 0 if none does. The surface
+  // that was measured last predicts which grid to measure next.
+  template <typename Near, typename At>
+  int64_t Finest(int64_t count, const Near& near, const At& at) {
+    int64_t fits = 0, too_fine = count;
+    for (int measured = 0; too_fine - fits > near(fits); ++measured) {
+      if (measured >= kMostMeasured && fits > 0) break;
+      int64_t next = fits;
+      for (int64_t end = too_fine; end - next > 1;) {
+        const int64_t middle = next + (end - next) / 2;
+        (IsPredictedToFit(at(middle)) ? next : end) = middle;
+      }
+      if (fits > 0 && next - fits < near(fits)) break;
+      // Predictions that keep failing are too optimistic.
+      if (measured >= kMostMeasured) next /= 2;
+      next = std::max<int64_t>(1, next);
+      const bool as_measured = Fits(at(next));
+      if (!stopped_.ok()) return 0;
+      (as_measured ? fits : too_fine) = next;
     }
+    return fits;
+  }
+
+  bool Fits(const GridSpec& grid, const Surface& surface) const {
     const Footprint need =
-        input_.backend.Predict(input_.request, *grid, input_.mesh, *surface, input_.limits, input_.delivery);
+        input_.backend.Predict(input_.request, grid, input_.mesh, surface, input_.limits, input_.delivery);
     return double(need.result_bytes) * scale_ <= double(input_.limits.max_result_bytes) &&
            double(need.peak_bytes) * scale_ <= double(input_.limits.max_working_bytes);
   }
 
+  // By the size of a dense result alone while no surface is known.
+  bool IsPredictedToFit(const GridRequest& request) const {
+    const absl::StatusOr<GridSpec> grid = FitGrid(request, input_.mesh.extent.box);
+    if (!grid.ok()) return false;
+    if (double(DenseResultBytes(input_.request, *grid)) * scale_ > double(input_.limits.max_result_bytes)) return false;
+    if (!known_) return true;
+    return Fits(*grid, RescaleSurface(known_->surface, input_.request, known_->grid, *grid, input_.mesh.triangles));
+  }
+
+  bool Fits(const GridRequest& request) {
+    const absl::StatusOr<GridSpec> grid = FitGrid(request, input_.mesh.extent.box);
+    if (!grid.ok()) return false;
+    if (double(DenseResultBytes(input_.request, *grid)) * scale_ > double(input_.limits.max_result_bytes)) return false;
+    absl::StatusOr<Surface> surface = input_.measure(*grid, /*closely=*/true);
+    if (!surface.ok()) {
+      stopped_ = surface.status();
+      return false;
+    }
+    known_.emplace(Known{*grid, *std::move(surface)});
+    return Fits(*grid, known_->surface);
+  }
+
   const PlanInput& input_;
   const double scale_;
-  mutable absl::Status stopped_;
+  std::optional<Known> known_;  // measured last
+  absl::Status stopped_;
 };
 
 std::string Three(const Vec3d& v) {
@@ -106,12 +150,12 @@ TimeClass GuessTime(const Plan& plan, uint64_t triangles) {
 
 }  // namespace
 
-absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, bool of_results, uint64_t need_bytes,
-                          double scale) {
+absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, const Surface* measured, bool of_results,
+                          uint64_t need_bytes, double scale) {
   const VoxelizeRequest& request = input.request;
   const PlanLimits& limits = input.limits;
   const Delivery delivery = input.delivery;
-  const FittingGrid fitting(input, scale);
+  FittingGrid fitting(input, grid, measured, scale);
   LimitError error;
   error.need_bytes = need_bytes < kBeyondCount ? need_bytes : 0;
   error.limit_bytes = of_results ? limits.max_result_bytes : limits.max_working_bytes;
@@ -149,7 +193,7 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input) {
   const absl::StatusOr<GridSpec> grid = FitGrid(request.grid, mesh.extent.box);
   if (!grid.ok()) return grid.status();
   if (const uint64_t result = DenseResultBytes(request, *grid); result > limits.max_result_bytes) {
-    return GridTooLarge(input, *grid, true, result, 1);
+    return GridTooLarge(input, *grid, nullptr, true, result, 1);
   }
   absl::StatusOr<Surface> surface = measure(*grid, /*closely=*/false);
   if (!surface.ok()) return surface.status();
@@ -157,7 +201,7 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input) {
   const auto fits = [&need, &bounds = limits] {
     return need.result_bytes <= bounds.max_result_bytes && need.peak_bytes <= bounds.max_working_bytes;
   };
-  if (!fits()) {
+  if (!fits() && !surface->closely) {
     surface = measure(*grid, /*closely=*/true);
     if (!surface.ok()) return surface.status();
     need = backend.Predict(request, *grid, mesh, *surface, limits, delivery);
@@ -174,7 +218,7 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input) {
   plan.time_class = GuessTime(plan, mesh.triangles);
   if (fits()) return run;
   const bool result = plan.result_bytes > limits.max_result_bytes;
-  return GridTooLarge(input, *grid, result, result ? plan.result_bytes : plan.peak_bytes, 1);
+  return GridTooLarge(input, *grid, &run.surface, result, result ? plan.result_bytes : plan.peak_bytes, 1);
 }
 
 absl::StatusOr<Plan> PlanVoxelization(const Backend& backend, const VoxelizeRequest& request, uint64_t triangles,

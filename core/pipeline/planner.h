@@ -34,10 +34,10 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input);
 
 // RESOURCE_EXHAUSTED for a run that needs, or comes to need, at least `need_bytes` of results or memory. In the message
 // and as numbers: the largest grid of the request's kind that would fit. `scale`: what is really needed of what is
-// predicted, at least 1; above 1 a run came to need more than predicted. The error of `measure` instead where it gave
-// one: the job may end meanwhile.
-absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, bool of_results, uint64_t need_bytes,
-                          double scale);
+// predicted, at least 1; above 1 a run came to need more than predicted. `measured`: the surface of `grid`; null where
+// nobody has looked at it. The error of `measure` instead where it gave one: the job may end meanwhile.
+absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, const Surface* measured, bool of_results,
+                          uint64_t need_bytes, double scale);
 
 // In: a request, the backend that would run it, the mesh's size and the extent of the shaded mesh, no look at its
 // triangles. Out: the plan of that backend. Errors: those of ValidateRequest and FitGrid; RESOURCE_EXHAUSTED with need,

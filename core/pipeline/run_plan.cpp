@@ -24,9 +24,9 @@ void RunPlanner::FitToDevice(PlannedRun& run) const {
   plan.list_bytes = need.list_bytes;
 }
 
-absl::Status RunPlanner::Explain(const Plan& plan, uint64_t refused_bytes) const {
+absl::Status RunPlanner::Explain(const Plan& plan, const Surface& surface, uint64_t refused_bytes) const {
   const uint64_t need = plan.peak_bytes + refused_bytes;
-  return GridTooLarge(input_, plan.grid, false, need, double(need) / double(plan.peak_bytes));
+  return GridTooLarge(input_, plan.grid, &surface, false, need, double(need) / double(plan.peak_bytes));
 }
 
 }  // namespace voxelpipe

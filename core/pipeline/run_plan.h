@@ -32,8 +32,9 @@ class RunPlanner {
   uint64_t RoomBeyond(const Plan& plan) const {
     return input_.limits.max_working_bytes - std::min(input_.limits.max_working_bytes, plan.peak_bytes);
   }
-  // RESOURCE_EXHAUSTED for a run that came to need `refused_bytes` more than its plan: says what would fit.
-  absl::Status Explain(const Plan& plan, uint64_t refused_bytes) const;
+  // RESOURCE_EXHAUSTED for a run that came to need `refused_bytes` more than its plan: says what would fit. `surface`:
+  // that of the plan.
+  absl::Status Explain(const Plan& plan, const Surface& surface, uint64_t refused_bytes) const;
 
  private:
   void FitToDevice(PlannedRun& run) const;

@@ -89,7 +89,7 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
   };
   const absl::Status s = SlabLoop(run, plan, *lists, clock, stats).Run(make, assembler);
   stats.path = stages.Paths();
-  return IsRefusedBeyondPlan(s) ? planner.Explain(plan, lists->refused_bytes()) : s;
+  return IsRefusedBeyondPlan(s) ? planner.Explain(plan, planned->surface, lists->refused_bytes()) : s;
 }
 
 }  // namespace voxelpipe

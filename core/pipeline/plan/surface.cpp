@@ -135,6 +135,44 @@ Surface EstimateSurface(const VoxelizeRequest& request, const GridSpec& grid, co
   return out;
 }
 
+Surface RescaleSurface(const Surface& surface, const VoxelizeRequest& request, const GridSpec& from, const GridSpec& to,
+                       uint64_t triangles) {
+  double volume = 1;
+  for (int a = 0; a < 3; ++a) volume *= to.voxel_size[a] / from.voxel_size[a];
+  const double coarser = std::cbrt(volume);
+  // The terms of the Minkowski sum. Centres are covered in proportion to areas alone.
+  const bool centers = request.coverage == Coverage::kCenter;
+  const double n = centers ? 0 : std::min({double(triangles), surface.layers, surface.fragments});
+  const double widths = centers ? 0 : std::clamp(3 * (surface.layers - n), 0.0, surface.fragments - n);
+  const double areas = std::max(0.0, surface.fragments - n - widths);
+  const auto each = [&](double edge) { return n + widths / edge + areas / (edge * edge); };
+  const auto once = [&](double edge) { return std::min(each(edge), 1.12 * areas / (edge * edge) + 64); };
+  const auto ratio = [&](const auto& count, double edge) { return count(edge * coarser) / std::max(1.0, count(edge)); };
+  const double all = double(to.voxels()), fragments = ratio(each, 1);
+  constexpr double kTileEdge = 11;  // a cube that a surface touches as often as a tile of 32x8x8 voxels
+  Surface out = surface;
+  out.fragments *= fragments;
+  out.rows = std::min(out.fragments, surface.rows * fragments + out.fragments / 32);
+  out.pairs *= ratio(each, kTileEdge);
+  out.voxels = std::min({surface.voxels * ratio(once, 1), out.fragments, all});
+  out.bricks *= ratio(once, 8);
+  out.tiles *= ratio(once, kTileEdge);
+  const double in_all = std::min(double(triangles), surface.layers);
+  out.layers = in_all + (surface.layers - in_all) / coarser;
+  out.crossings /= coarser * coarser;
+  out.inside = std::min(all - out.voxels, surface.inside / volume);
+  out.filled_bricks = out.bricks + (surface.filled_bricks - surface.bricks) / volume;
+  if (surface.shares.empty()) return out;
+  out.shares.assign(size_t((to.dims[2] + surface.share_layers - 1) / surface.share_layers), {});
+  for (size_t i = 0; i < surface.shares.size(); ++i) {
+    const double at = (double(i) + 0.5) * double(to.dims[2]) / double(from.dims[2]);
+    Surface::Share& share = out.shares[std::min(size_t(at), out.shares.size() - 1)];
+    share.fragments += surface.shares[i].fragments * fragments;
+    share.bricks += surface.shares[i].bricks * out.bricks / std::max(1.0, surface.bricks);
+  }
+  return out;
+}
+
 Surface MostOfSlab(const Surface& surface, const GridSpec& grid, int64_t layers) {
   if (layers >= grid.dims[2]) return surface;
   const double even = double(layers) / double(grid.dims[2]);

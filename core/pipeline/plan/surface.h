@@ -49,12 +49,19 @@ struct Surface {
   };
   int64_t share_layers = 8;
   std::vector<Share> shares;
+  bool closely = false;  // the triangles were clipped to the grid: Stages::Measure has nothing better to say
 };
 
 // From the sums of mesh.extent or, where there are none, from its box: what is said without a look at the triangles. No
 // triangle counts for more than the grid's own sections. Sums made without a window, and boxes, count as if all of the
 // mesh lay in the grid.
 Surface EstimateSurface(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh);
+
+// About what a measurement of the grid `to` would say, without a look at the triangles. In: the surface of the grid
+// `from`, which has the same place in voxels of another size; triangles of the mesh. The nearer the two sizes are, the
+// more exact it is.
+Surface RescaleSurface(const Surface& surface, const VoxelizeRequest& request, const GridSpec& from, const GridSpec& to,
+                       uint64_t triangles);
 
 // The most that any slab of `layers` layers has of the surface.
 Surface MostOfSlab(const Surface& surface, const GridSpec& grid, int64_t layers);
