@@ -114,8 +114,10 @@ class Walk {
   std::vector<uint8_t> dirty_;
 };
 
-// Of the whole grid, not the slab: the flood crosses slabs.
+}  // namespace
+
 absl::Status FindOutside(RunState& state) {
+  if (!state.outside.empty()) return absl::OkStatus();
   absl::StatusOr<BitGrid> shell = BitGrid::Create(state.grid.dims);
   if (!shell.ok()) return shell.status();
   if (absl::Status s = RasterShell(state, *shell); !s.ok()) return s;
@@ -126,12 +128,8 @@ absl::Status FindOutside(RunState& state) {
   return absl::OkStatus();
 }
 
-}  // namespace
-
 absl::Status FloodInside(RunState& state, BitGrid& out, bool add) {
-  if (state.outside.empty()) {
-    if (absl::Status s = FindOutside(state); !s.ok()) return s;
-  }
+  if (absl::Status s = FindOutside(state); !s.ok()) return s;
   const uint32_t last_mask = out.last_word_mask();
   const int64_t first_row = state.dims[1] * state.slab.begin;
   return ParallelChunks(out.rows(), 256, state.job, [&](int64_t begin, int64_t end) {

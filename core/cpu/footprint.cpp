@@ -13,15 +13,16 @@
 #include "grid/bit_grid.h"
 #include "pipeline/plan/footprint_parts.h"
 #include "pipeline/stages/target_rules.h"
+#include "raster/row_bits_fit.h"
 
 namespace voxelpipe::cpu {
 namespace {
 
 using namespace footprint;
 
-// The bit grids over `layers` layers besides the targets: coverage, inside bits of a fill, bits and presence of targets
+// The number of bit grids of a slab besides the targets: coverage, inside bits of a fill, bits and presence of targets
 // that are not the coverage itself.
-double BitGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
+int BitGrids(const VoxelizeRequest& request, const GridSpec& grid) {
   if (request.result == ResultKind::kBuckets) return 0;
   const bool dense = request.result == ResultKind::kDense;
   const TargetSpec& last = request.targets.back();
@@ -36,23 +37,56 @@ double BitGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_
     if (target.format == VoxelFormat::kBit && !IsOccupancyBit(target) && !in_tiles) ++grids;
     if (OwnPresence(target)) ++grids;
   }
-  return grids * Pooled(double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers})));
+  return grids;
+}
+
+double BitGridBytes(const GridSpec& grid, int64_t layers) {
+  return Pooled(double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers})));
+}
+double BitGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
+  return BitGrids(request, grid) * BitGridBytes(grid, layers);
+}
+
+// In: the layers of a slab, fewer than the grid's. Out: what the thinner last slab takes beside the idle blocks of the
+// others. It is cut from them unless it is much smaller (page_pool.cpp); a run over the slabs for each of several
+// targets takes the thicker blocks anew.
+double LastSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t depth, Delivery delivery) {
+  const int64_t layers = grid.dims[2] % depth;
+  const bool dense = request.result == ResultKind::kDense;
+  const bool again =
+      dense && delivery == Delivery::kStream && (request.targets.size() > 1 || request.layout == Layout::kPlanar);
+  const auto own = [again](double last, double other) { return again || other - last > last / 2 ? last : 0; };
+  double bytes = BitGrids(request, grid) * own(BitGridBytes(grid, layers), BitGridBytes(grid, depth));
+  if (!dense) return bytes;
+  const uint64_t layer = uint64_t(grid.dims[0]) * uint64_t(grid.dims[1]);
+  for (const TargetSpec& target : request.targets) {
+    const auto of = [&](int64_t z) { return Pooled(double(TargetBytes(target, layer * uint64_t(z)))); };
+    bytes += own(of(layers), of(depth));
+  }
+  return bytes;
 }
 
 // Fixed costs of the run besides grids: arenas, tile buffers of each thread, the bits of the measurement.
 constexpr double kBaseBytes = 4 << 20;
 constexpr double kTileListBytes = sizeof(TileValues) + sizeof(uint32_t);  // sparse: of a tile besides its values
 constexpr double kTileFragmentBytes = sizeof(TileFragments) + sizeof(std::span<const RowFragments>);  // buckets
+// Slabs of sparse results: below, thinner ones save little, and each one looks at all triangles.
+constexpr double kThinSlabBytes = 16 << 20, kThinSlabBytesATriangle = 256;
 constexpr double kRunBytes = 2.2 * sizeof(TileRun);  // collected by bucket, then joined
 constexpr double kBlocks = 1.3;                      // lists that grow by blocks, the last of which is not full
 
+// True if rows are set without tiles, as in run_state.h.
+bool PlainBits(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh) {
+  return footprint::PlainBits(request) && RowBitsFit(grid, mesh.triangles);
+}
+
 // What all tiles keep until the lists are made: values for a sparse result, fragments for buckets.
-double KeptBytes(const VoxelizeRequest& request, const Surface& surface) {
+double KeptBytes(const VoxelizeRequest& request, const Surface& surface, bool plain_bits) {
   if (request.result == ResultKind::kDense) return 0;
   if (request.result == ResultKind::kBuckets) {
     return kBlocks * sizeof(RowFragments) * surface.rows + kTileFragmentBytes * surface.tiles;
   }
-  if (footprint::PlainBits(request)) return 0;
+  if (plain_bits) return 0;
   double value = 0;
   for (const TargetSpec& target : request.targets) {
     if (IsOccupancyBit(target)) continue;
@@ -71,12 +105,12 @@ double ShadedBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
 struct MeshWork {
   double kept = 0, sorting = 0;
 };
-MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Surface& surface) {
+MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Surface& surface, bool plain_bits) {
   const double vertices = double(mesh.vertices);
   constexpr double kCode = 8;  // a vertex's voxel
   MeshWork work;
   work.kept = ShadedBytes(request, mesh) + Pooled(vertices * kCode);
-  if (footprint::PlainBits(request)) {
+  if (plain_bits) {
     if (CastsLines(request.fill)) work.kept += Pooled(vertices * sizeof(Vec3d));
     // The shell of a flood is conservative.
     const bool shell = request.fill == Fill::kFlood && request.coverage != Coverage::kConservative;
@@ -93,12 +127,12 @@ MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, con
 // Lists of triangles by slab and of crossings by block, which each thread collects in chunks of its own while it
 // rasterizes and fills.
 double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
-                int64_t layers) {
+                int64_t layers, bool plain_bits) {
   const int cores = tbb::info::default_concurrency();
   const double threads = std::min(double(request.threads > 0 ? std::min(request.threads, cores) : cores),
                                   std::ceil(double(mesh.triangles) / kTriangleGrain));
   double bytes = 0;
-  if (footprint::PlainBits(request) || request.fill == Fill::kFlood) {
+  if (plain_bits || request.fill == Fill::kFlood) {
     bytes += 4 * (double(mesh.triangles) + surface.layers / kMaxSlabLayers) + threads * kBinChunkBytes;
   }
   if (CastsLines(request.fill)) bytes += 4 * surface.crossings + 2 * threads * kBinChunkBytes;
@@ -112,34 +146,43 @@ double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const Mesh
   return bytes;
 }
 
+// In: the layers of a slab of a sparse result that the limits allow. Out: fewer where its bit grids, which are cleared
+// and read whole, are most of its memory: thin slabs take less of it, and stay in the caches.
+int64_t ThinSlabDepth(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, int64_t depth,
+                      double list_bytes) {
+  const double least = std::max({kThinSlabBytes, 4 * list_bytes, kThinSlabBytesATriangle * double(mesh.triangles)});
+  while (depth > kSlabGranularity && BitGridBytes(request, grid, depth) > least) depth /= 2;
+  return std::min(grid.dims[2], (depth + kSlabGranularity - 1) / kSlabGranularity * kSlabGranularity);
+}
+
 }  // namespace
 
 Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                            const Surface& surface, const PlanLimits& limits, Delivery delivery) {
-  const bool dense = request.result == ResultKind::kDense;
+  const bool dense = request.result == ResultKind::kDense, plain_bits = PlainBits(request, grid, mesh);
   Footprint out;
   out.result_bytes = ResultBytes(request, grid, surface);
   // The bytes of the lists of a slab, then of the whole slab.
   const auto lists = [&](int64_t layers) {
     if (dense) return 0.0;
     const Surface here = MostOfSlab(surface, grid, layers);
-    return ListBytes(request, here, true) + KeptBytes(request, here);
+    return ListBytes(request, here, true) + KeptBytes(request, here, plain_bits);
   };
   const auto slab_bytes = [&](int64_t layers) {
     double bytes = dense ? DenseBytes(request, grid, layers) : lists(layers);
-    if (request.result == ResultKind::kSparse && !footprint::PlainBits(request)) bytes += 4 * TilesOfGrid(grid, layers);
+    if (request.result == ResultKind::kSparse && !plain_bits) bytes += 4 * TilesOfGrid(grid, layers);
     return bytes + BitGridBytes(request, grid, layers);
   };
   out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);
+  if (request.result == ResultKind::kSparse && limits.slab_depth == 0) {
+    out.slab_depth = ThinSlabDepth(request, grid, mesh, out.slab_depth, lists(grid.dims[2]));
+  }
   const bool one_slab = out.slab_depth >= grid.dims[2];
-  const MeshWork work = MeshWorkBytes(request, mesh, surface);
-  double slab = slab_bytes(out.slab_depth) + BinBytes(request, grid, mesh, surface, out.slab_depth);
+  const MeshWork work = MeshWorkBytes(request, mesh, surface, plain_bits);
+  double slab = slab_bytes(out.slab_depth) + BinBytes(request, grid, mesh, surface, out.slab_depth, plain_bits);
   double list = lists(out.slab_depth);
   if (!one_slab && dense && delivery == Delivery::kMemory) slab += DenseBytes(request, grid, grid.dims[2]);
-  // A streamed result of several targets runs the slabs again for each: the pool then holds blocks of the thinner last
-  // slab and of the others.
-  if (!one_slab && dense && delivery == Delivery::kStream)
-    slab += DenseBytes(request, grid, grid.dims[2] % out.slab_depth);
+  if (!one_slab) slab += LastSlabBytes(request, grid, out.slab_depth, delivery);
   if (!one_slab && !dense) {
     // The lists of all slabs, and the scratch memory of the last one's lists or, at the end, the array into which the
     // lists of one kind are joined.
@@ -147,7 +190,8 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     const double slabs = std::ceil(double(grid.dims[2]) / double(out.slab_depth));
     const double last = ListBytes(request, here, true);
     const double all = std::min(slabs * last, HeldListBytes(request, surface, here, slabs));
-    const double held = all - last + std::max(0.0, LargestListBytes(request, surface) - KeptBytes(request, here));
+    const double held =
+        all - last + std::max(0.0, LargestListBytes(request, surface) - KeptBytes(request, here, plain_bits));
     slab += held;
     list += held;
   }
@@ -161,7 +205,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
   peak += std::max(work.sorting, slab);
   out.peak_bytes = peak;
   Sum listed;
-  if (!footprint::PlainBits(request)) list = std::max(list, work.sorting) + Pooled(8 * surface.pairs);
+  if (!plain_bits) list = std::max(list, work.sorting) + Pooled(8 * surface.pairs);
   listed += list;
   out.list_bytes = listed;
   return out;

@@ -195,6 +195,10 @@ absl::Status Inside(RunState& state, BitGrid& out, bool add) {
 
 absl::Status SolidFill(RunState& state) {
   if (JoinsCoverage(state)) return Inside(state, state.coverage, true);
+  // A flood comes first: the grid of its shell goes back to the pool, from which that of the inside is taken.
+  if (state.request.request.fill == Fill::kFlood) {
+    if (absl::Status s = FindOutside(state); !s.ok()) return s;
+  }
   auto inside = BitGrid::CreateUncleared(state.slab_dims);
   if (!inside.ok()) return inside.status();
   state.inside = *std::move(inside);

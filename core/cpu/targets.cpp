@@ -76,6 +76,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.slab_dims = {state.dims[0], state.dims[1], slab.depth()};
   state.targets.clear();
   state.inside = BitGrid();
+  state.coverage = BitGrid();  // to the pool, before the next one is taken from there
   state.counts = SlabCounts();
   state.tile_values.clear();
   state.slab_tiles.clear();

@@ -86,7 +86,7 @@ void GiveGrid(VoxelizeRequest& request, std::array<int64_t, 3> dims, const Vec3d
 }
 
 void MakeShape(Dice& dice, PlanJob& job) {
-  const int64_t kind = dice.Whole(0, 11);
+  const int64_t kind = dice.Whole(0, 12);
   VoxelizeRequest& request = job.request;
   const auto resolution = [&](double low, double high) { request.grid.resolution = int64_t(dice.Scale(low, high)); };
   const auto count = [&](double low, double high) { return int64_t(dice.Scale(low, high)); };
@@ -221,6 +221,20 @@ void MakeShape(Dice& dice, PlanJob& job) {
       job.text = absl::StrCat("torus ", n, " in itself ", times, " times");
       break;
     }
+    case 11: {
+      job.hostile = true;
+      const std::array<int64_t, 3> dims = unit_grid(600, 1300);
+      const int64_t n = dice.Whole(1, 3);
+      const double size = dice.Scale(1, 50);
+      Loose out;
+      for (int64_t i = 0; i < n; ++i) {
+        const Vec3d p{dice.Real(0, double(dims[0])), dice.Real(0, double(dims[1])), dice.Real(0, double(dims[2]))};
+        out.Add(p, p + dice.Point(-size, size), p + dice.Point(-size, size));
+      }
+      job.mesh = out.Take();
+      job.text = absl::StrCat(n, " triangles of ", size, " voxels in a large grid");
+      break;
+    }
     default: {
       job.hostile = true;
       const int64_t n = count(2e4, 3e5);
@@ -265,6 +279,9 @@ PlanJob MakePlanJob(uint64_t seed) {
   MakeShape(dice, job);
   VoxelizeRequest& request = job.request;
   request.result = std::array{ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}[size_t(dice.Whole(0, 2))];
+  const auto voxels_of = [](const std::array<int64_t, 3>& dims) { return dims[0] * dims[1] * dims[2]; };
+  const bool large = request.grid.dims && voxels_of(*request.grid.dims) > int64_t{1} << 27;
+  if (large && request.result == ResultKind::kDense) request.result = ResultKind::kSparse;  // gigabytes otherwise
   const bool buckets = request.result == ResultKind::kBuckets;
   request.coverage =
       std::array{Coverage::kConservative, Coverage::kThin, Coverage::kCenter}[size_t(dice.Whole(0, buckets ? 1 : 2))];

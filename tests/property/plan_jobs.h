@@ -21,7 +21,7 @@ struct PlanJob {
 
 // The same job for the same seed on every machine. Ordinary ones: smooth and rough surfaces, soups of small triangles,
 // terrain, blocks aligned to the grid. Adversarial ones: points on voxel corners, slivers, very large triangles, a
-// window into a much larger scene, coinciding surfaces, all triangles in one layer.
+// window into a much larger scene, coinciding surfaces, a few triangles in a large grid, all triangles in one layer.
 PlanJob MakePlanJob(uint64_t seed);
 
 }  // namespace voxelpipe::testing
