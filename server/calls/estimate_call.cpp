@@ -8,10 +8,12 @@
 #include "calls/call_setup.h"
 #include "jobs/prepare_kept.h"
 #include "jobs/request_memory.h"
+#include "load/costly_parts.h"
 #include "load/decode/image.h"
 #include "pipeline/planner.h"
 #include "pipeline/warnings.h"
 #include "reply/raw_message.h"
+#include "schedule/cost.h"
 #include "wire/mesh_contents.h"
 #include "wire/request.h"
 #include "wire/response.h"
@@ -39,6 +41,7 @@ class EstimateCall::MeshTask final : public Task {
       : call_(std::move(call)), config_(std::move(config)) {}
 
   bool loaded() const override { return false; }
+  void Weigh() override { traits.cost = call_->Cost(config_); }
   bool Load() override {
     call_->End(call_->FromMesh(config_));
     return false;
@@ -96,7 +99,6 @@ void EstimateCall::Start(grpc::ByteBuffer& request) {
   auto task = std::make_shared<MeshTask>(self_, *std::move(config));
   task->traits.client = record_.client;
   task->traits.deadline = job_.deadline();
-  task->traits.cost.file_bytes = task->traits.cost.held_bytes = mesh_bytes;
   {
     const std::lock_guard lock(mutex_);
     task_ = task;
@@ -114,6 +116,20 @@ absl::Status EstimateCall::FindKeptMesh() {
   if (!mesh.ok()) return mesh.status();
   kept_ = *std::move(mesh);
   return absl::OkStatus();
+}
+
+JobCost EstimateCall::Cost(const ParsedConfig& config) const {
+  MeshFacts facts;
+  facts.format = config.mesh_type.format;
+  if (kept_) {
+    facts.triangles = kept_->triangles();
+  } else {
+    const std::string& bytes = request_.mesh_bytes();
+    facts.file_bytes = bytes.size();
+    facts.compressed =
+        FindCostlyParts({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, facts.format).compressed;
+  }
+  return PredictEstimateCost(config.request, facts);
 }
 
 absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {

@@ -35,6 +35,8 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
 
   void Start(grpc::ByteBuffer& request);
   absl::Status FindKeptMesh();
+  // Of the request's mesh, before it is loaded.
+  JobCost Cost(const ParsedConfig& config) const;
   absl::Status FromSummary(const ParsedConfig& config);
   absl::Status FromMesh(const ParsedConfig& config);
   void End(const absl::Status& status);

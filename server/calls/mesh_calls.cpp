@@ -10,8 +10,10 @@
 #include "calls/call_setup.h"
 #include "isolate/loading.h"
 #include "jobs/request_memory.h"
+#include "load/costly_parts.h"
 #include "load/load_mesh.h"
 #include "reply/raw_message.h"
+#include "schedule/cost.h"
 #include "wire/mesh_id.h"
 #include "wire/request.h"
 #include "wire/response.h"
@@ -185,7 +187,11 @@ void UploadMeshCall::UploadEnded() {
   auto task = std::make_shared<FileTask>(shared_from_this());
   task->traits.client = record_.client;
   task->traits.deadline = job_.deadline();
-  task->traits.cost.file_bytes = record_.bytes_in;
+  MeshFacts facts;
+  facts.format = type_.format;
+  facts.file_bytes = record_.bytes_in;
+  if (!pieces_.empty()) facts.compressed = FindCostlyParts(BytesOf(pieces_.front()), type_.format).compressed;
+  task->traits.cost = PredictLoadCost(facts);
   {
     const std::lock_guard lock(mutex_);
     if (answered_) return;  // the idle watch ended the call first

@@ -28,6 +28,11 @@ constexpr double kDracoByteLoadNs = 60;   // some two bytes a triangle
 constexpr double kPlainBytesATriangle = 30;
 constexpr double kDracoBytesATriangle = 3;
 
+// Planning, a triangle. A refusal measures up to three times, to say what would fit.
+constexpr double kMeasureDenseNs = 20;  // a sample of the triangles
+constexpr double kMeasureListsNs = 120, kMeasureFillNs = 60;
+constexpr double kExamineNs = 200;  // open edges and degenerate triangles, of which requests with a fill are told
+
 // Voxels of the grid; of a cube without a box.
 double Voxels(const VoxelizeRequest& request, const MeshFacts& mesh) {
   if (request.grid.dims) {
@@ -46,18 +51,47 @@ bool IsText(MeshFormat format) {
   return format == MeshFormat::kGltf || format == MeshFormat::kObj || format == MeshFormat::kOff;
 }
 
+bool IsCompressed(const MeshFacts& mesh) {
+  return mesh.compressed || mesh.format == MeshFormat::kDraco || mesh.format == MeshFormat::k3mf;
+}
+
+double Triangles(const MeshFacts& mesh) {
+  if (mesh.triangles) return double(*mesh.triangles);
+  return double(mesh.file_bytes) / (IsCompressed(mesh) ? kDracoBytesATriangle : kPlainBytesATriangle);
+}
+
 uint64_t Whole(double value) {
   return value < 1e18 ? uint64_t(std::max(0.0, value)) : uint64_t(1e18);
 }
 
 }  // namespace
 
-JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
+JobCost PredictLoadCost(const MeshFacts& mesh) {
   JobCost cost;
-  const bool draco = mesh.compressed || mesh.format == MeshFormat::kDraco || mesh.format == MeshFormat::k3mf;
-  const double file_bytes = double(mesh.file_bytes);
-  const double triangles =
-      mesh.triangles ? double(*mesh.triangles) : file_bytes / (draco ? kDracoBytesATriangle : kPlainBytesATriangle);
+  cost.file_bytes = mesh.file_bytes;
+  cost.held_bytes = std::max(mesh.file_bytes, mesh.memory_bytes);
+  cost.triangles = Whole(Triangles(mesh));
+  if (mesh.file_bytes == 0) return cost;
+  const double byte_ns = IsCompressed(mesh)    ? kDracoByteLoadNs
+                         : IsText(mesh.format) ? kTextByteLoadNs
+                                               : kPlainByteLoadNs;
+  cost.load_ms = kJobMs + double(mesh.file_bytes) * byte_ns * kNs;
+  return cost;
+}
+
+JobCost PredictEstimateCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
+  JobCost cost = PredictLoadCost(mesh);
+  double triangle_ns = request.result == ResultKind::kDense ? kMeasureDenseNs : kMeasureListsNs;
+  if (request.fill != Fill::kNone) {
+    triangle_ns += kExamineNs + (request.result == ResultKind::kDense ? 0 : kMeasureFillNs);
+  }
+  cost.load_ms += kJobMs + Triangles(mesh) * triangle_ns * kNs;
+  return cost;
+}
+
+JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
+  JobCost cost = PredictLoadCost(mesh);
+  const double triangles = Triangles(mesh);
   const double voxels = Voxels(request, mesh);
   // A surface across the grid: a few voxels for each cell of its six sides, and at least two for each triangle.
   const double fragments =
@@ -88,21 +122,12 @@ JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
   if (CastsLines(request.fill)) ns += voxels * kParityNs;
   if (request.fill == Fill::kFlood) ns += voxels * kFloodNs;
 
-  cost.file_bytes = mesh.file_bytes;
-  cost.held_bytes = std::max(mesh.file_bytes, mesh.memory_bytes);
-  cost.triangles = Whole(triangles);
   cost.voxels = Whole(voxels);
   cost.output_bytes = Whole(output_bytes);
   // Positions, indices and positions in index space; coverage bits; the result.
   cost.device_bytes =
       Whole(triangles * 48 + voxels / 8 + output_bytes + (request.result == ResultKind::kBuckets ? fragments * 24 : 0));
   cost.run_ms = kJobMs + ns * kNs;
-  if (mesh.file_bytes > 0) {
-    cost.load_ms = kJobMs + file_bytes * kNs *
-                                (draco                 ? kDracoByteLoadNs
-                                 : IsText(mesh.format) ? kTextByteLoadNs
-                                                       : kPlainByteLoadNs);
-  }
   return cost;
 }
 
@@ -125,6 +150,7 @@ MeasuredCost::MeasuredCost() {
 }
 
 void MeasuredCost::Observe(WorkKind kind, SizeClass size, double predicted_ms, double measured_ms) {
+  if (predicted_ms <= 0) return;
   const double ratio = std::max(measured_ms, kMinMs) / std::max(predicted_ms, kMinMs);
   double& known = ratios_[size_t(kind)][size_t(size)];
   // In logarithms: half and twice as long cancel each other, and one outlier moves little.

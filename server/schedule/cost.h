@@ -29,6 +29,13 @@ JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh);
 // Milliseconds of writing the result of such a job as a file: formats compress, draw or list its voxels.
 double PredictExportMs(const JobCost& cost);
 
+// The cost of loading the file alone: for tasks that end on a loader without a run.
+JobCost PredictLoadCost(const MeshFacts& mesh);
+
+// The cost of planning `request` on this mesh instead of running it: loading the file, if there is one, and measuring
+// the mesh, all of it on a loader.
+JobCost PredictEstimateCost(const VoxelizeRequest& request, const MeshFacts& mesh);
+
 // Size classes of jobs; jobs of a class are scheduled together.
 enum class SizeClass : uint8_t { kSmall, kMedium, kGiant };
 inline constexpr size_t kSizeClasses = 3;
@@ -41,7 +48,8 @@ inline constexpr size_t kWorkKinds = 3;
 class MeasuredCost {
  public:
   MeasuredCost();
-  // `measured_ms` is that of a whole batch, `predicted_ms` the sum of PredictCost over its jobs.
+  // `measured_ms` is that of a whole batch, `predicted_ms` the sum of PredictCost over its jobs; 0: nothing was
+  // predicted, and nothing is learnt.
   void Observe(WorkKind kind, SizeClass size, double predicted_ms, double measured_ms);
   // The correction factor of predictions: between 1/64 and 64.
   double Ratio(WorkKind kind, SizeClass size) const { return ratios_[size_t(kind)][size_t(size)]; }

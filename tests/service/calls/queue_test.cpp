@@ -114,6 +114,25 @@ TEST_F(QueueTest, AFullQueueRefusesBeforeAnythingIsRead) {
   EXPECT_EQ(SampleOf(HttpGet(*http, "/metrics"), "voxelpipe_queue_refusals_total{reason=\"jobs\"}"), 20);
 }
 
+// An estimate loads and measures its mesh: what that takes is known before it begins.
+TEST_F(QueueTest, AnEstimateIsWeighedAsTheWorkThatItCauses) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
+  const auto stub =
+      v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+  VoxelizeRequest request = SmallRequest();
+  request.result = ResultKind::kSparse;
+  request.fill = Fill::kFlood;
+  v1::EstimateVoxelizationRequest estimate;
+  *estimate.mutable_config() = MakeConfig(request, MeshFormat::kDraco, {});
+  estimate.set_mesh_bytes(std::string(60 << 20, 'x'));  // some 20 million triangles, were they any
+  grpc::ClientContext context;
+  context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(5));
+  v1::EstimateVoxelizationResponse response;
+  const absl::Status status = FromGrpcStatus(stub->EstimateVoxelization(&context, estimate, &response));
+  EXPECT_EQ(status.code(), absl::StatusCode::kDeadlineExceeded) << status;
+  EXPECT_NE(std::string(status.message()).find("the job would take"), std::string::npos) << status;
+}
+
 TEST_F(QueueTest, GiantsDoNotHoldUpTheSmall) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2", "--giant-job-ms", "10"}));
   const auto first = Slow();

@@ -72,6 +72,31 @@ TEST(CostTest, AFileThatIsToBeLoadedTakesItsTimeAndItsMemory) {
   EXPECT_EQ(PredictCost(AtResolution(64), Triangles(10)).load_ms, 0) << "it is loaded";
 }
 
+// All of it is a loader's work: no device worker comes after it.
+TEST(CostTest, AnEstimateCostsItsFileAndItsMeasurements) {
+  MeshFacts file;
+  file.file_bytes = 30 << 20;
+  const JobCost load = PredictLoadCost(file), estimate = PredictEstimateCost(AtResolution(64), file);
+  EXPECT_EQ(load.load_ms, PredictCost(AtResolution(64), file).load_ms);
+  EXPECT_GT(estimate.load_ms, 1.2 * load.load_ms);
+  EXPECT_EQ(estimate.run_ms, 0);
+  EXPECT_EQ(estimate.held_bytes, 30u << 20);
+  EXPECT_EQ(estimate.file_bytes, 30u << 20);
+
+  const auto kept = [](const VoxelizeRequest& request, uint64_t triangles) {
+    return PredictEstimateCost(request, Triangles(triangles)).load_ms;
+  };
+  const double dense = kept(AtResolution(64), 1'000'000);
+  EXPECT_GT(dense, 5 * kept(AtResolution(64), 100'000)) << "a stored mesh is measured, too";
+  VoxelizeRequest lists = AtResolution(64);
+  lists.result = ResultKind::kSparse;
+  EXPECT_GT(kept(lists, 1'000'000), 2 * dense) << "of dense results some triangles are looked at";
+  VoxelizeRequest filled = lists;
+  filled.fill = Fill::kFlood;
+  EXPECT_GT(kept(filled, 1'000'000), 1.2 * kept(lists, 1'000'000));
+  EXPECT_GT(kept(lists, UINT64_MAX), 1e6);
+}
+
 TEST(CostTest, AbsurdRequestsHaveACost) {
   VoxelizeRequest request = AtResolution(int64_t{1} << 62);
   request.result = ResultKind::kBuckets;
@@ -86,6 +111,12 @@ TEST(MeasuredCostTest, LearnsTheRatioOfEachKindAndSize) {
   EXPECT_NEAR(measured.Ratio(WorkKind::kCpu, SizeClass::kSmall), 3, 0.01);
   EXPECT_EQ(measured.Ratio(WorkKind::kCpu, SizeClass::kGiant), 1);
   EXPECT_EQ(measured.Ratio(WorkKind::kCuda, SizeClass::kSmall), 1);
+}
+
+TEST(MeasuredCostTest, LearnsNothingFromTasksWithoutAPrediction) {
+  MeasuredCost measured;
+  for (int i = 0; i < 100; ++i) measured.Observe(WorkKind::kLoad, SizeClass::kSmall, 0, 500);
+  EXPECT_EQ(measured.Ratio(WorkKind::kLoad, SizeClass::kSmall), 1);
 }
 
 TEST(MeasuredCostTest, AnOutlierMovesLittle) {

@@ -66,6 +66,37 @@ TEST_F(SchedulerTest, NoMoreAreLoadedAtTheSameTimeThanThereAreLoaders) {
   for (const auto i : {2, 3}) scheduler->Ended(*tasks[size_t(i)]);
 }
 
+// Estimates that seemed to be free took turns with the smallest files, and nothing limited how many could wait.
+TEST_F(SchedulerTest, EstimatesAreChargedWhatTheyTake) {
+  options.loaders = 1;
+  MeshFacts large, small;
+  large.triangles = 10'000'000;
+  small.triangles = 1000;
+  VoxelizeRequest request;
+  request.result = ResultKind::kSparse;
+  const auto estimate = [&](const std::string& client, const MeshFacts& mesh) {
+    auto task = Unloaded(client);
+    task->traits.cost = PredictEstimateCost(request, mesh);
+    return task;
+  };
+  options.max_queue_ms = 4 * PredictEstimateCost(request, large).load_ms;
+  Start(1);
+  std::vector<std::shared_ptr<WaitingTask>> floods, others;
+  for (int i = 0; i < 3; ++i) floods.push_back(Submit(estimate("flood", large)));
+  for (int i = 0; i < 5; ++i) others.push_back(Submit(estimate("b", small)));
+  absl::Status full = scheduler->Submit(estimate("flood", large));
+  EXPECT_TRUE(absl::IsResourceExhausted(full)) << full;
+  const auto load_one = [&] {
+    const auto task = scheduler->TryTakeLoad();
+    if (task) scheduler->Ended(*task);
+    return task;
+  };
+  EXPECT_EQ(load_one(), floods[0]);
+  for (const auto& other : others) EXPECT_EQ(load_one(), other);
+  EXPECT_EQ(load_one(), floods[1]);
+  EXPECT_EQ(load_one(), floods[2]);
+}
+
 TEST_F(SchedulerTest, ADecodeDoesNotWaitForThoseOfAnotherClient) {
   options.loaders = 2;
   Start();
