@@ -6,7 +6,7 @@
 
 namespace voxelpipe::cpu {
 
-// The flood itself, of the whole grid, as a flood crosses slabs; nothing where it was done. Takes two grids of bits, and
+// The flood itself, of the whole grid, because it crosses slabs; nothing where it was done. Takes two grids of bits and
 // keeps one. RESOURCE_EXHAUSTED, CANCELLED, DEADLINE_EXCEEDED.
 absl::Status FindOutside(RunState& state);
 

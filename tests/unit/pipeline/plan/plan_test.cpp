@@ -244,7 +244,7 @@ TEST(PlanTest, ARefusalLooksAtTheMeshFourTimes) {
               grid.resolution = numbers.largest_resolution;
             }
             EXPECT_TRUE(counting.Plan(grid, limits).ok()) << what << " " << refused;
-            // Not much less than what fits, unless the mesh is one of which more voxels may be filled in a coarser grid.
+            // Not much less than what fits. Of a soup, a coarser grid may fill more.
             if (c.name == std::string("soup")) continue;
             if (sized) {
               grid.voxel_size = numbers.smallest_voxel_size * 0.9;
