@@ -36,6 +36,8 @@ struct Unit {
 constexpr Unit kUnits[] = {{"micron", "micron", 1e-6}, {"millimeter", "mm", 1e-3}, {"centimeter", "cm", 1e-2},
                            {"inch", "in", 0.0254},     {"foot", "ft", 0.3048},     {"meter", "m", 1}};
 constexpr size_t kMaxParts = 4096;
+constexpr size_t kValuesAStep = 1 << 14;   // between two polls of the job
+constexpr uint64_t kBytesAMaterial = 256;  // beside itself: its place in the table, its fault
 
 // The entry of the root model, as the package's relationships name it; else by its usual names.
 absl::StatusOr<std::string> FindRoot(ZipArchive& archive, LoadBudget& budget) {
@@ -68,13 +70,21 @@ class SceneBuilder {
     const absl::StatusOr<size_t> first = PartOf(root);
     if (!first.ok()) return first.status();
     if (absl::Status bad = SetUnit(); !bad.ok()) return bad;
-    std::vector<Reference> items = parts_[0].build;
-    if (items.empty()) items = ItemsWithoutBuild();
+    std::vector<Reference> items = std::move(parts_[0].build);
+    if (items.empty()) {
+      absl::StatusOr<std::vector<Reference>> all = ItemsWithoutBuild();
+      if (!all.ok()) return all.status();
+      items = *std::move(all);
+    }
     for (const Reference& item : items) {
       const absl::StatusOr<uint32_t> node = AddNode(0, item, 1);
       if (!node.ok()) return node.status();
+      if (absl::Status full = budget_.MakeRoom(scene_.nodes[0].children, 1, "items"); !full.ok()) return full;
       scene_.nodes[0].children.push_back(*node);
     }
+    budget_.Drop(items);
+    budget_.Drop(uv_);
+    budget_.Drop(colors_);
     scene_.memory = budget_.Release();
     return std::move(scene_);
   }
@@ -97,16 +107,19 @@ class SceneBuilder {
   }
 
   // All objects that are no component of another.
-  std::vector<Reference> ItemsWithoutBuild() {
+  absl::StatusOr<std::vector<Reference>> ItemsWithoutBuild() {
     std::set<int64_t> used;
     for (const auto& [id, object] : parts_[0].objects) {
+      if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
       for (const Reference& component : object.components) {
-        if (component.path.empty()) used.insert(component.object);
+        if (component.path.empty() && parts_[0].objects.count(component.object) != 0) used.insert(component.object);
       }
     }
     std::vector<Reference> items;
     for (const auto& [id, object] : parts_[0].objects) {
-      if (used.count(id) == 0) items.push_back({"", id, Mat4d(), object.line});
+      if (used.count(id) != 0) continue;
+      if (absl::Status full = budget_.MakeRoom(items, 1, "items"); !full.ok()) return full;
+      items.push_back({"", id, Mat4d(), object.line});
     }
     if (!items.empty()) {
       scene_.warnings.Add(WarningCode::kNoScene, parts_[0].name, "the build has no items; all objects are read");
@@ -125,6 +138,7 @@ class SceneBuilder {
                           absl::StrCat("the unit ", Quote(part->unit), " is ignored: that of the root model holds"));
     }
     numbers_.emplace(entry, parts_.size());
+    if (absl::Status full = budget_.MakeRoom(parts_, 1, "model parts"); !full.ok()) return full;
     parts_.push_back(*std::move(part));
     return parts_.size() - 1;
   }
@@ -154,7 +168,8 @@ class SceneBuilder {
     const Key key{of, reference.object};
     if (parts_[of].objects.count(reference.object) == 0) return bad("object ", reference.object, " does not exist");
     if (open_.count(key) != 0) return bad("object ", reference.object, " is a component of itself");
-    if (absl::Status full = budget_.Take(1, sizeof(Node) + sizeof(uint32_t), "components"); !full.ok()) return full;
+    if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
+    if (absl::Status full = budget_.MakeRoom(scene_.nodes, 1, "components"); !full.ok()) return full;
     const auto index = uint32_t(scene_.nodes.size());
     Node& node = scene_.nodes.emplace_back();
     node.local = reference.transform;
@@ -168,7 +183,9 @@ class SceneBuilder {
       const Reference component = parts_[of].objects[reference.object].components[i];
       const absl::StatusOr<uint32_t> child = AddNode(of, component, depth + 1);
       if (!child.ok()) return child.status();
-      scene_.nodes[index].children.push_back(*child);
+      std::vector<uint32_t>& children = scene_.nodes[index].children;
+      if (absl::Status full = budget_.MakeRoom(children, 1, "components"); !full.ok()) return full;
+      children.push_back(*child);
     }
     open_.erase(key);
     return index;
@@ -181,25 +198,42 @@ class SceneBuilder {
     Object& object = parts_[key.first].objects[key.second];
     int32_t& mesh = meshes_.emplace(key, -1).first->second;
     if (object.triangles.empty()) return mesh;
-    std::vector<Vec2f> uv;
-    std::vector<Vec4f> colors;
-    CornerMesh corners({&object.vertices, &uv, nullptr, &colors}, budget_);
-    std::map<int64_t, uint64_t> places;  // of the values of groups in those lists
+    CornerMesh corners({&object.vertices, &uv_, nullptr, &colors_}, budget_);
     for (const Triangle& triangle : object.triangles) {
-      if (absl::Status bad = AddTriangle(key.first, triangle, corners, uv, colors, places); !bad.ok()) return bad;
+      if (absl::Status bad = AddTriangle(key.first, triangle, corners); !bad.ok()) return bad;
     }
-    if (absl::Status full = budget_.Take(1, sizeof(Mesh) + object.name.size(), "objects"); !full.ok()) return full;
+    if (absl::Status full = budget_.Take(1, object.name.size(), "objects"); !full.ok()) return full;
+    if (absl::Status full = budget_.MakeRoom(scene_.meshes, 1, "objects"); !full.ok()) return full;
     mesh = int32_t(scene_.meshes.size());
     scene_.meshes.push_back(Mesh{object.name, corners.Take()});
     budget_.Drop(object.vertices);
     budget_.Drop(object.triangles);
-    budget_.Drop(uv);
-    budget_.Drop(colors);
     return mesh;
   }
 
-  absl::Status AddTriangle(size_t part, const Triangle& triangle, CornerMesh& corners, std::vector<Vec2f>& uv,
-                           std::vector<Vec4f>& colors, std::map<int64_t, uint64_t>& places) {
+  // The first of a group's values in uv_ or colors_, where they are put once, whatever the number of objects that use
+  // them.
+  absl::StatusOr<uint64_t> PlaceOf(const Key& key, const PropertyGroup& group) {
+    const bool texture = group.kind == PropertyGroup::Kind::kTexture;
+    const auto [place, fresh] = places_.try_emplace(key, texture ? uv_.size() : colors_.size());
+    if (!fresh) return place->second;
+    const uint64_t count = texture ? group.uv.size() : group.colors.size();
+    if (place->second + count >= CornerMesh::kNone) return budget_.Invalid("too many values of properties");
+    absl::Status status =
+        texture ? budget_.MakeRoom(uv_, count, "texture coordinates") : budget_.MakeRoom(colors_, count, "colours");
+    for (size_t i = 0; i < count && status.ok(); ++i) {
+      if (i % kValuesAStep == 0) status = budget_.job().Check();
+      if (texture) {
+        uv_.push_back({group.uv[i].x, 1 - group.uv[i].y});
+      } else {
+        colors_.push_back(LinearColor(group.colors[i]));
+      }
+    }
+    if (!status.ok()) return status;
+    return place->second;
+  }
+
+  absl::Status AddTriangle(size_t part, const Triangle& triangle, CornerMesh& corners) {
     CornerMesh::Corner polygon[3];
     for (size_t i = 0; i < 3; ++i) polygon[i].position = triangle.vertices[i];
     int32_t material = -1;
@@ -219,16 +253,10 @@ class SceneBuilder {
         if (!base.ok()) return base.status();
         return corners.AddPolygon(polygon, *base);
       }
-      const auto [place, fresh] = places.try_emplace(triangle.group, texture ? uv.size() : colors.size());
-      if (fresh) {
-        absl::Status full =
-            texture ? budget_.MakeRoom(uv, count, "texture coordinates") : budget_.MakeRoom(colors, count, "colours");
-        if (!full.ok()) return full;
-        for (const Vec2f& t : group.uv) uv.push_back({t.x, 1 - t.y});
-        for (size_t i = 0; i < group.colors.size() && !texture; ++i) colors.push_back(LinearColor(group.colors[i]));
-      }
+      const absl::StatusOr<uint64_t> place = PlaceOf({part, triangle.group}, group);
+      if (!place.ok()) return place.status();
       for (size_t i = 0; i < 3; ++i) {
-        (texture ? polygon[i].uv : polygon[i].color) = uint32_t(place->second + uint64_t(triangle.properties[i]));
+        (texture ? polygon[i].uv : polygon[i].color) = uint32_t(*place + uint64_t(triangle.properties[i]));
       }
       if (texture) {
         const absl::StatusOr<int32_t> textured = TexturedMaterial({part, triangle.group}, group);
@@ -248,7 +276,8 @@ class SceneBuilder {
   }
 
   absl::StatusOr<int32_t> NewMaterial(std::string name) {
-    if (absl::Status full = budget_.Take(1, 2 * sizeof(Material) + name.size(), "materials"); !full.ok()) return full;
+    if (absl::Status full = budget_.Take(kBytesAMaterial + name.size(), 1, "materials"); !full.ok()) return full;
+    if (absl::Status full = budget_.MakeRoom(scene_.materials, 1, "materials"); !full.ok()) return full;
     Material& material = scene_.materials.emplace_back();
     material.name = std::move(name);
     material.metallic_factor = 0;
@@ -290,6 +319,7 @@ class SceneBuilder {
         texture.wrap_s = wrap(from.clamp_u, from.mirror_u);
         texture.wrap_t = wrap(from.clamp_v, from.mirror_v);
         texture.nearest = texture.min_nearest = from.nearest;
+        if (absl::Status full = budget_.MakeRoom(scene_.textures, 1, "textures"); !full.ok()) return full;
         ref.texture = int32_t(scene_.textures.size());
         scene_.textures.push_back(texture);
       }
@@ -320,6 +350,7 @@ class SceneBuilder {
     });
     if (!status.ok()) return status;
     image->memory = std::make_shared<MemoryCharge>(std::move(charge));
+    if (absl::Status full = budget_.MakeRoom(scene_.images, 1, "textures"); !full.ok()) return full;
     at->second = int32_t(scene_.images.size());
     scene_.images.push_back(std::move(image));
     return at->second;
@@ -331,6 +362,9 @@ class SceneBuilder {
   std::vector<ModelPart> parts_;
   std::map<std::string, size_t> numbers_;  // of parts, by entry
   std::map<Key, int32_t> meshes_;
+  std::vector<Vec2f> uv_;                                 // of the groups of properties that triangles use
+  std::vector<Vec4f> colors_;                             // likewise, linear
+  std::map<Key, uint64_t> places_;                        // of the groups' values in those
   std::map<std::pair<Key, int64_t>, int32_t> materials_;  // by group and index, -1 for that of a texture
   std::map<std::string, int32_t> images_;                 // by entry
   std::set<Key> open_;                                    // objects on the way from the root to the current node

@@ -89,7 +89,8 @@ struct XmlEvents::Impl {
   XML_Parser parser = nullptr;
   int depth = 0;
   int left_out = 0;  // the depth of the outermost element that is left out; 0: none
-  absl::Status status;
+  absl::Status status = absl::OkStatus();
+  MemoryCharge charge = MemoryCharge(&MemoryOf(budget.job()));  // of the parser
 
   absl::Status Invalid(std::string_view what) const {
     return budget.Invalid(part, ", line ", XML_GetCurrentLineNumber(parser), ": ", std::string(what));
@@ -139,7 +140,7 @@ struct XmlEvents::Impl {
 };
 
 XmlEvents::XmlEvents(std::string part, LoadBudget& budget, Begin begin, End end)
-    : impl_(new Impl{std::move(part), budget, std::move(begin), std::move(end), nullptr, 0, 0, absl::OkStatus()}) {
+    : impl_(new Impl{std::move(part), budget, std::move(begin), std::move(end)}) {
   parser_bytes = 0;
   impl_->parser = XML_ParserCreate_MM(nullptr, &kMemory, "|");
   if (impl_->parser == nullptr) return;
@@ -158,6 +159,12 @@ XmlEvents::~XmlEvents() {
 
 absl::Status XmlEvents::Parse(std::span<const uint8_t> piece) {
   if (impl_->parser == nullptr) return absl::ResourceExhaustedError("3MF: not enough memory");
+  // Its lists grow to twice their size, and are copied then.
+  const uint64_t most = std::min<uint64_t>(kMaxParserBytes, 3 * parser_bytes + 4 * piece.size());
+  if (most > impl_->charge.bytes()) {
+    absl::Status full = impl_->charge.Grow(most - impl_->charge.bytes(), "3MF: the XML parser:");
+    if (!full.ok()) return full;
+  }
   const auto* const text = reinterpret_cast<const char*>(piece.data());
   if (XML_Parse(impl_->parser, text, int(piece.size()), piece.empty()) != XML_STATUS_ERROR) return absl::OkStatus();
   if (!impl_->status.ok()) return impl_->status;

@@ -24,10 +24,17 @@ uint64_t Number(std::span<const uint8_t> bytes, uint64_t at, int count) {
   return value;
 }
 
-std::string Lower(std::string_view text) {
-  std::string lower(text);
-  for (char& c : lower) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
-  return lower;
+char LowerOf(char c) {
+  return c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
+}
+
+// Below, at or above 0 as memcmp, whatever the case of letters.
+int CompareParts(std::string_view a, std::string_view b) {
+  for (size_t i = 0; i < a.size() && i < b.size(); ++i) {
+    const auto left = static_cast<unsigned char>(LowerOf(a[i])), right = static_cast<unsigned char>(LowerOf(b[i]));
+    if (left != right) return left < right ? -1 : 1;
+  }
+  return a.size() < b.size() ? -1 : a.size() > b.size() ? 1 : 0;
 }
 
 // Takes the 64-bit values of those fields that say so, in the order of the fields.
@@ -112,21 +119,29 @@ absl::Status ZipArchive::ReadDirectory(uint64_t begin, uint64_t end) {
   return absl::OkStatus();
 }
 
+bool ZipArchive::PartOrder::operator()(const std::string& a, const std::string& b) const {
+  const int order = CompareParts(a, b);
+  return order != 0 ? order < 0 : a < b;
+}
+
 std::string ZipArchive::Find(std::string_view part) const {
   if (!part.empty() && part[0] == '/') part.remove_prefix(1);
-  if (const auto exact = entries_.find(std::string(part)); exact != entries_.end()) return exact->first;
-  const std::string wanted = Lower(part);
-  for (const auto& [name, entry] : entries_) {
-    if (Lower(name) == wanted) return name;
-  }
-  return {};
+  std::string name(part);
+  if (entries_.count(name) != 0) return name;
+  // Capital letters come first.
+  for (char& c : name) c = c >= 'a' && c <= 'z' ? char(c - 'a' + 'A') : c;
+  const auto first = entries_.lower_bound(name);
+  return first != entries_.end() && CompareParts(first->first, name) == 0 ? first->first : std::string();
 }
 
 std::string ZipArchive::FindByEnd(std::string_view end) const {
+  const std::string* first = nullptr;
   for (const auto& [name, entry] : entries_) {
-    if (name.size() >= end.size() && Lower(name).compare(name.size() - end.size(), end.size(), end) == 0) return name;
+    if (name.size() < end.size()) continue;
+    const std::string_view last = std::string_view(name).substr(name.size() - end.size());
+    if (CompareParts(last, end) == 0 && (first == nullptr || name < *first)) first = &name;
   }
-  return {};
+  return first == nullptr ? std::string() : *first;
 }
 
 uint64_t ZipArchive::SizeOf(const std::string& name) const {

@@ -49,7 +49,11 @@ class ZipArchive {
 
   std::span<const uint8_t> bytes_;
   LoadBudget* budget_;
-  std::map<std::string, Entry> entries_;
+  // By the name without the case of its letters, then by the name: those of one part name stand together.
+  struct PartOrder {
+    bool operator()(const std::string& a, const std::string& b) const;
+  };
+  std::map<std::string, Entry, PartOrder> entries_;
   uint64_t unpacked_ = 0;  // by all calls
 };
 

@@ -71,6 +71,45 @@ TEST(ThreemfTest, IsInMetres) {
   EXPECT_THAT(std::string(given.status().message()), HasSubstr("mesh_unit: the file has a unit of its own (mm)"));
 }
 
+TEST(ThreemfTest, FindsPartsWhateverTheirCase) {
+  const auto file = [](const std::vector<std::string>& entries, const std::string& path) {
+    ZipMaker zip = Package3mf(Model3mf("", absl::StrCat("<item objectid=\"1\" path=\"", path, "\"/>")));
+    for (size_t i = 0; i < entries.size(); ++i) {
+      // As many triangles as its number says.
+      std::string triangles;
+      for (size_t n = 0; n <= i; ++n) triangles += k3mfTriangle;
+      zip.Add(entries[i], Model3mf(ObjectOf(1, triangles), ""));
+    }
+    const absl::StatusOr<Scene> scene = LoadText(zip.Bytes());
+    return scene.ok() ? std::to_string(CountTriangles(*scene)) : std::string(scene.status().message());
+  };
+  EXPECT_EQ(file({"3D/a.model"}, "/3D/a.model"), "1");
+  EXPECT_EQ(file({"3D/a.model"}, "3d/A.MODEL"), "1");
+  EXPECT_EQ(file({"3D/A.model", "3D/a.model", "3d/a.Model"}, "/3D/a.model"), "2") << "the same name goes first";
+  EXPECT_EQ(file({"3D/a.model", "3D/A.model", "3d/a.Model"}, "/3d/A.modeL"), "2") << "then the first by its bytes";
+  EXPECT_EQ(file({"3D/a_model", "3D/a.mode", "3D/a.models", "3D/[.model"}, "/3D/{.model").find("3MF: "), 0u);
+}
+
+// Each object once copied all values of its group.
+TEST(ThreemfTest, ObjectsShareTheValuesOfAGroup) {
+  const std::string group =
+      "<colorgroup id=\"5\"><color color=\"#FF0000\"/><color color=\"#00FF00\"/></colorgroup>"
+      "<colorgroup id=\"6\"><color color=\"#0000FF\"/></colorgroup>";
+  const auto triangle = [](int pid, int index) {
+    return absl::StrCat("<triangle v1=\"0\" v2=\"1\" v3=\"2\" pid=\"", pid, "\" p1=\"", index, "\"/>");
+  };
+  const absl::StatusOr<Scene> scene =
+      LoadText(Model(absl::StrCat(group, ObjectOf(1, triangle(6, 0)), ObjectOf(2, triangle(5, 1)),
+                                  ObjectOf(3, triangle(6, 0) + triangle(5, 0))),
+                     "<item objectid=\"1\"/><item objectid=\"2\"/><item objectid=\"3\"/>"));
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  ASSERT_EQ(scene->meshes.size(), 3u);
+  EXPECT_EQ(scene->meshes[0].primitives[0].colors[0], (Vec4f{0, 0, 1, 1}));
+  EXPECT_EQ(scene->meshes[1].primitives[0].colors[0], (Vec4f{0, 1, 0, 1}));
+  EXPECT_EQ(scene->meshes[2].primitives[0].colors[0], (Vec4f{0, 0, 1, 1}));
+  EXPECT_EQ(scene->meshes[2].primitives[0].colors[3], (Vec4f{1, 0, 0, 1}));
+}
+
 TEST(ThreemfTest, TransformsAreForRowVectorsAndComponentsNest) {
   const std::string file =
       Model(ObjectOf(1, k3mfTriangle) +
