@@ -2,6 +2,7 @@
 // section 3.1; ISO/IEC 14496-12 (ftyp box of AVIF); Google, "WebP Container Specification".
 #include "load/decode/image_format.h"
 
+#include <algorithm>
 #include <cstring>
 #include <optional>
 #include <string_view>
@@ -20,6 +21,8 @@ struct JpegFrame {
 };
 
 std::optional<JpegFrame> FindFrame(std::span<const uint8_t> bytes) {
+  constexpr size_t kMostBytes = 16 << 20;  // behind more metadata the decoder looks for it
+  bytes = bytes.first(std::min(bytes.size(), kMostBytes));
   size_t at = 2;  // after SOI
   while (at + 4 <= bytes.size() && bytes[at] == 0xff) {
     const uint8_t marker = bytes[at + 1];

@@ -27,8 +27,8 @@ bool AttributeSource::IsNormalized(const std::string& name, const DracoAttribute
 absl::StatusOr<const DracoAttribute*> AttributeSource::InDraco(const std::string& name) {
   const auto id = draco_ids_.find(name);
   if (!draco_ || id == draco_ids_.end()) return nullptr;
-  for (DracoAttribute& attribute : draco_->attributes) {
-    if (attribute.unique_id != id->second) continue;
+  if (const auto place = draco_places_.find(id->second); place != draco_places_.end()) {
+    DracoAttribute& attribute = draco_->attributes[place->second];
     if (IsNormalized(name, attribute) && normalized_.insert(attribute.unique_id).second) Normalize(attribute);
     return &attribute;
   }

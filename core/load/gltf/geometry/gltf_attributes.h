@@ -33,7 +33,11 @@ class AttributeSource {
   // In: attribute names -> accessors, the draco extension's names -> unique ids, and the decoded stream (none: plain).
   AttributeSource(const std::map<std::string, int>& accessors, std::map<std::string, uint32_t> draco_ids,
                   std::optional<DracoMesh> draco, const PrimitiveContext& context)
-      : accessors_(accessors), draco_ids_(std::move(draco_ids)), draco_(std::move(draco)), context_(context) {}
+      : accessors_(accessors), draco_ids_(std::move(draco_ids)), draco_(std::move(draco)), context_(context) {
+    for (size_t i = 0; draco_ && i < draco_->attributes.size(); ++i) {
+      draco_places_.emplace(draco_->attributes[i].unique_id, i);
+    }
+  }
 
   // The values of an attribute; empty if the primitive has none of that name. Errors: INVALID_ARGUMENT naming the
   // accessor or the missing Draco attribute.
@@ -56,7 +60,8 @@ class AttributeSource {
   const std::map<std::string, int>& accessors_;
   std::map<std::string, uint32_t> draco_ids_;
   std::optional<DracoMesh> draco_;
-  std::set<uint32_t> normalized_;  // unique ids of the stream's attributes that are already divided
+  std::map<uint32_t, size_t> draco_places_;  // of the stream's attributes, by unique id; the first one of an id
+  std::set<uint32_t> normalized_;            // unique ids of the stream's attributes that are already divided
   const PrimitiveContext& context_;
 };
 

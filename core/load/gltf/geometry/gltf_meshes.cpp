@@ -14,8 +14,9 @@
 namespace voxelpipe::gltf {
 namespace {
 
-constexpr size_t kPrimitivesAStep = 1024;   // between two polls of the job
-constexpr size_t kVerticesAStep = 1 << 16;  // the same
+constexpr size_t kPrimitivesAStep = 1024;     // between two polls of the job
+constexpr size_t kAttributesAStep = 1 << 12;  // the same
+constexpr size_t kVerticesAStep = 1 << 16;    // the same
 
 absl::StatusOr<Mesh> ReadMesh(const tinygltf::Mesh& mesh, const std::vector<double>& weights, size_t index,
                               PrimitiveContext& context) {
@@ -91,17 +92,20 @@ absl::Status CheckJoints(const JobContext& job, const Scene& scene) {
 }
 
 // Warns if primitives lack an application-specific attribute or differ in its components.
-void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, WarningList& warnings) {
+absl::Status WarnOfUnevenAttributes(const JobContext& job, const std::vector<Mesh>& meshes, WarningList& warnings) {
   struct Use {
     size_t primitives = 0;
     int least = 4, most = 1;  // components
   };
   std::map<std::string, Use> uses;
-  size_t drawn = 0;
+  size_t drawn = 0, read = 0;
   for (const Mesh& mesh : meshes) {
     for (const Primitive& primitive : mesh.primitives) {
       if (!primitive.triangles.empty()) ++drawn;
       for (const VertexAttribute& attribute : primitive.attributes) {
+        if (read++ % kAttributesAStep == 0) {
+          if (absl::Status over = job.Check(); !over.ok()) return over;
+        }
         Use& use = uses[attribute.name];
         if (!primitive.triangles.empty()) ++use.primitives;
         use.least = std::min(use.least, attribute.components);
@@ -120,6 +124,7 @@ void WarnOfUnevenAttributes(const std::vector<Mesh>& meshes, WarningList& warnin
                    absl::StrCat("has ", use.least, " to ", use.most, " components; it counts as ", use.most));
     }
   }
+  return absl::OkStatus();
 }
 
 // The Draco streams of the meshes in reading order, up to the first that is faulty (reading it reports that) or that
@@ -150,7 +155,9 @@ absl::Status ReadMeshes(const tinygltf::Model& model, PrimitiveContext& context,
     if (!mesh.ok()) return mesh.status();
     scene.meshes.push_back(*std::move(mesh));
   }
-  WarnOfUnevenAttributes(scene.meshes, scene.warnings);
+  if (absl::Status over = WarnOfUnevenAttributes(context.budget.job(), scene.meshes, scene.warnings); !over.ok()) {
+    return over;
+  }
   std::vector<bool> has_targets;
   uint64_t primitives = 0;
   for (const tinygltf::Mesh& mesh : model.meshes) {
