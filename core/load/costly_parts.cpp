@@ -18,16 +18,18 @@ bool Contains(std::string_view text, std::string_view part) {
 }  // namespace
 
 CostlyParts FindCostlyParts(std::span<const uint8_t> beginning, MeshFormat format) {
+  const bool cut = beginning.size() > kCostlyPartsBytes;
   if (beginning.size() < kGlbHeaderBytes && (format == MeshFormat::kAuto || format == MeshFormat::kGlb)) return kAll;
   if (format == MeshFormat::kAuto) {
     const std::optional<MeshFormat> shown = SniffMeshFormat(beginning);
-    if (!shown) return {};  // loading it fails at once
+    if (!shown) return beginning.size() > kSniffedBytes ? kAll : CostlyParts{};  // otherwise loading it fails at once
     format = *shown;
   }
+  if (cut) beginning = beginning.first(kCostlyPartsBytes);
   if (format == MeshFormat::kDraco) return {.compressed = true};
   if (format == MeshFormat::k3mf) return kAll;
   std::string_view text(reinterpret_cast<const char*>(beginning.data()), beginning.size());
-  if (format == MeshFormat::kObj) return {.images = Contains(text, "mtllib")};
+  if (format == MeshFormat::kObj) return {.images = cut || Contains(text, "mtllib")};
   if (format == MeshFormat::kStl || format == MeshFormat::kPly || format == MeshFormat::kOff) return {};
   if (format == MeshFormat::kGlb) {
     uint32_t text_bytes = 0;
@@ -35,9 +37,9 @@ CostlyParts FindCostlyParts(std::span<const uint8_t> beginning, MeshFormat forma
     text.remove_prefix(kGlbHeaderBytes);
     if (text_bytes > text.size()) return kAll;
     text = text.substr(0, text_bytes);
-  } else if (text.find_last_not_of(" \t\r\n") == std::string_view::npos ||
-             text[text.find_last_not_of(" \t\r\n")] != '}') {
-    return kAll;
+  } else {
+    const size_t last = text.find_last_not_of(" \t\r\n");
+    if (cut || last == std::string_view::npos || text[last] != '}') return kAll;
   }
   if (Contains(text, "\\u")) return kAll;
   return {Contains(text, "_compression"), Contains(text, "_instancing"), Contains(text, "\"images\"")};

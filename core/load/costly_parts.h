@@ -14,8 +14,10 @@ struct CostlyParts {
   bool images = false;      // images, which are decoded if a shader reads them
 };
 
-// In: the file, or its beginning. All are true if the text does not end in it or if names may contain escapes. A name
-// counts wherever it occurs in the text. Validates nothing.
+// In: the file, or its beginning, of which the first kCostlyPartsBytes are read. All are true if the text does not end
+// in them, if they do not show the format or if names may contain escapes. A name counts wherever it occurs in the
+// text. Validates nothing. O(kCostlyPartsBytes).
+inline constexpr size_t kCostlyPartsBytes = 1 << 20;
 CostlyParts FindCostlyParts(std::span<const uint8_t> beginning, MeshFormat format);
 
 }  // namespace voxelpipe

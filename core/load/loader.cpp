@@ -27,7 +27,7 @@ absl::StatusOr<Scene> Dispatch(const JobContext& job, std::span<const uint8_t> b
                                const LoadLimits& limits) {
   switch (format) {
     case MeshFormat::kGlb: {
-      absl::StatusOr<GlbChunks> chunks = SplitGlb(bytes);
+      absl::StatusOr<GlbChunks> chunks = SplitGlb(job, bytes);
       if (!chunks.ok()) return chunks.status();
       WarningList warnings;
       AddLeftOverBytes(*chunks, warnings);
@@ -82,13 +82,14 @@ absl::StatusOr<Scene> LoadSceneFor(const JobContext& job, std::span<const uint8_
         absl::StrCat("the mesh has ", bytes.size(), " bytes; the limit max_file_bytes is ", limits.max_file_bytes));
   }
   if (type.format == MeshFormat::kAuto) {
-    const std::optional<MeshFormat> sniffed = SniffMeshFormat(bytes);
-    if (!sniffed) {
+    const absl::StatusOr<MeshFormat> detected = DetectMeshFormat(job, bytes);
+    if (!detected.ok()) return detected.status();
+    if (*detected == MeshFormat::kAuto) {
       return absl::InvalidArgumentError(
           "the first bytes are of no format that can be read (GLB, glTF 2.0 JSON, Draco, STL, PLY, OFF, OBJ, 3MF); a "
           "compressed archive must be unpacked first");
     }
-    type.format = *sniffed;
+    type.format = *detected;
   }
   try {
     absl::StatusOr<Scene> scene = Dispatch(job, bytes, type.format, limits);

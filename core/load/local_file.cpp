@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cerrno>
+#include <climits>
 #include <new>
 #include <optional>
 #include <span>
@@ -84,6 +85,7 @@ absl::StatusOr<SiblingFile> Resolve(const fs::path& directory, const std::string
                                     const char* of) {
   const auto invalid = [&](const char* why) { return absl::InvalidArgumentError(absl::StrCat(shown, ": ", why)); };
   if (path.empty()) return invalid("empty");
+  if (path.size() > PATH_MAX) return invalid("longer than a path may be");
   if (path.find('\0') != std::string::npos) return invalid("a zero byte is no part of a path");
   if (fs::path(path).is_absolute()) return invalid("absolute paths are not read");
   std::error_code error;
@@ -123,6 +125,15 @@ absl::StatusOr<FileBytes> ReadLocalFile(const fs::path& path, uint64_t max_bytes
   close(descriptor);
   if (!read.ok()) return read;
   return bytes;
+}
+
+absl::StatusOr<FileBytes> ReadSibling(const fs::path& path, uint64_t max_bytes, MemoryCharge& charge) {
+  std::error_code error;
+  const uint64_t bytes = fs::file_size(path, error);
+  if (!error && bytes <= max_bytes) {  // otherwise reading it fails
+    if (absl::Status full = charge.Grow(bytes, "a file that the mesh file names:"); !full.ok()) return full;
+  }
+  return ReadLocalFile(path, max_bytes);
 }
 
 std::string UriName(const std::string& uri) {

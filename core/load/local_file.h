@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "base/memory_budget.h"
 #include "load/file_bytes.h"
 
 namespace voxelpipe {
@@ -13,6 +14,10 @@ namespace voxelpipe {
 // The whole of a regular file of at most `max_bytes`. Errors: NOT_FOUND, INVALID_ARGUMENT (a directory, a device, a
 // pipe), RESOURCE_EXHAUSTED past the limit, otherwise the system's with its reason. The caller adds the path.
 absl::StatusOr<FileBytes> ReadLocalFile(const std::filesystem::path& path, uint64_t max_bytes);
+
+// The same for a file that a mesh file names, charged before it is read. RESOURCE_EXHAUSTED also for the memory of the
+// charge.
+absl::StatusOr<FileBytes> ReadSibling(const std::filesystem::path& path, uint64_t max_bytes, MemoryCharge& charge);
 
 // A file that a mesh file names.
 struct SiblingFile {

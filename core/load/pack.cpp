@@ -2,6 +2,7 @@
 #include "load/pack.h"
 
 #include <algorithm>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string_view>
@@ -9,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "base/limit_error.h"
 #include "base/memory_budget.h"
+#include "load/base/charged_growth.h"
 #include "load/base/data_uri.h"
 #include "load/decode/glb_container.h"
 #include "load/gltf/document/gltf_json.h"
@@ -33,8 +35,8 @@ struct BufferPlace {
 
 // The JSON of a GLB or glTF file and the GLB's BIN chunk.
 struct Source {
-  Json json;                              // without members that the loader does not read
-  MemoryCharge memory{&DefaultMemory()};  // of the JSON
+  Json json;            // without members that the loader does not read
+  MemoryCharge memory;  // of the JSON
   std::optional<std::span<const uint8_t>> binary;
   WarningList warnings;  // the warnings of the loader for the original file
 };
@@ -72,12 +74,13 @@ bool AnyFileUri(const Json& json) {
 }
 
 // Empty if the bytes are not a glTF file that can be packed: the loader then reports what is wrong.
-std::optional<Source> Parse(std::span<const uint8_t> bytes, const LoadLimits& limits) {
+std::optional<Source> Parse(const JobContext& job, std::span<const uint8_t> bytes, MeshFormat format,
+                            const LoadLimits& limits) {
   Source source;
+  source.memory = MemoryCharge(&MemoryOf(job));
   std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
-  const std::optional<MeshFormat> format = SniffMeshFormat(bytes);
   if (format == MeshFormat::kGlb) {
-    const auto chunks = SplitGlb(bytes);
+    const auto chunks = SplitGlb(job, bytes);
     if (!chunks.ok()) return std::nullopt;
     text = chunks->json;
     source.binary = chunks->binary;
@@ -86,7 +89,6 @@ std::optional<Source> Parse(std::span<const uint8_t> bytes, const LoadLimits& li
     return std::nullopt;
   }
   text = WithoutByteOrderMark(text, source.warnings);
-  const JobContext job;
   if (!GuardJson(job, text, limits).ok()) return std::nullopt;
   auto json = gltf::ParseJson(job, text, limits, source.memory);
   if (!json.ok() || !json->is_object() || !AnyFileUri(*json)) return std::nullopt;
@@ -96,8 +98,10 @@ std::optional<Source> Parse(std::span<const uint8_t> bytes, const LoadLimits& li
 
 class Packer {
  public:
-  Packer(Source source, fs::path directory, const LoadLimits& limits, const OutsideFiles& outside)
-      : json_(std::move(source.json)),
+  Packer(const JobContext& job, Source source, fs::path directory, const LoadLimits& limits,
+         const OutsideFiles& outside)
+      : job_(job),
+        json_(std::move(source.json)),
         memory_(std::move(source.memory)),
         binary_(source.binary),
         directory_(std::move(directory)),
@@ -114,52 +118,95 @@ class Packer {
   }
 
  private:
+  // Fills up to the next multiple of 4 bytes.
+  absl::Status Align() {
+    const size_t aligned = (bin_.size() + 3) / 4 * 4;
+    if (absl::Status s = MakeRoom(aligned - bin_.size()); !s.ok()) return s;
+    bin_.resize(aligned);
+    return absl::OkStatus();
+  }
+
   absl::Status Append(std::span<const uint8_t> bytes, uint64_t& base) {
-    bin_.resize((bin_.size() + 3) / 4 * 4);
+    if (absl::Status s = Align(); !s.ok()) return s;
     base = bin_.size();
     if (bytes.size() > limits_.max_file_bytes ||
         base + bytes.size() > std::min<uint64_t>(limits_.max_file_bytes, UINT32_MAX)) {
       return absl::ResourceExhaustedError(
           absl::StrCat("the packed mesh would be larger than ", limits_.max_file_bytes, " bytes"));
     }
+    if (absl::Status s = MakeRoom(bytes.size()); !s.ok()) return s;
     bin_.insert(bin_.end(), bytes.begin(), bytes.end());
     return absl::OkStatus();
+  }
+
+  absl::Status MakeRoom(uint64_t more) { return MakeChargedRoom(memory_, bin_, more, "the packed mesh:"); }
+
+  // The file of a URI. Errors: those of the URI; INVALID_ARGUMENT for a file outside, unless those are allowed.
+  absl::StatusOr<SiblingFile> Resolve(const std::string& uri) {
+    const auto known = siblings_.find(uri);
+    if (known != siblings_.end()) return known->second;
+    absl::StatusOr<SiblingFile> sibling = ResolveSibling(directory_, uri);
+    constexpr uint64_t kBytesAPlace = 256;  // in the table
+    const uint64_t bytes = kBytesAPlace + 2 * uri.size() + (sibling.ok() ? 2 * sibling->path.native().size() : 0);
+    if (absl::Status s = memory_.Grow(bytes, "names of files:"); !s.ok()) return s;
+    siblings_.emplace(uri, sibling);
+    return sibling;
+  }
+
+  // Puts the first bytes of a buffer's file into the BIN chunk, if they are not there yet.
+  absl::Status MergeFile(size_t index, const Json& buffer, const std::string& uri, BufferPlace& place) {
+    const absl::StatusOr<SiblingFile> sibling = Resolve(uri);
+    if (!sibling.ok()) return At("buffer", index, sibling.status());
+    if (absl::Status s = CheckPlace("buffer", index, uri, *sibling); !s.ok()) return s;
+    const auto known = merged_.find(sibling->path);
+    if (known != merged_.end()) {
+      const absl::StatusOr<uint64_t> length = LengthOf(index, buffer, known->second.file_bytes);
+      if (!length.ok()) return length.status();
+      if (*length <= known->second.length) {
+        place = {true, known->second.base, *length, 0};
+        return absl::OkStatus();
+      }
+    }
+    MemoryCharge charge(&MemoryOf(job_));
+    const auto file = ReadSibling(sibling->path, limits_.max_file_bytes, charge);
+    if (!file.ok()) return At("buffer", index, Named(uri, file.status()));
+    const absl::StatusOr<uint64_t> length = LengthOf(index, buffer, file->size());
+    if (!length.ok()) return length.status();
+    // A second, longer part of a file brings all of it: there is no third.
+    const std::span<const uint8_t> bytes = known == merged_.end() ? std::span(*file).first(*length) : std::span(*file);
+    if (absl::Status s = Append(bytes, place.base); !s.ok()) return s;
+    merged_[sibling->path] = {place.base, bytes.size(), file->size()};
+    place = {true, place.base, *length, 0};
+    return absl::OkStatus();
+  }
+
+  // The declared bytes of a buffer whose data has so many.
+  static absl::StatusOr<uint64_t> LengthOf(size_t index, const Json& buffer, uint64_t data_bytes) {
+    const auto length = Unsigned(buffer, "byteLength", data_bytes);
+    if (!length) return At("buffer", index, absl::InvalidArgumentError("byteLength is not a whole number"));
+    if (*length <= data_bytes) return *length;
+    return At(
+        "buffer", index,
+        absl::InvalidArgumentError(absl::StrCat("byteLength ", *length, ", but its data has ", data_bytes, " bytes")));
   }
 
   // Files and the BIN chunk become buffer 0; buffers with data: URIs or without data keep their own.
   absl::Status MergeBuffers() {
     Json kept = Json::array({Json{{"byteLength", 0}}});
-    const Json buffers = IsObjectArray(json_, "buffers") ? json_["buffers"] : Json::array();
+    Json buffers = IsObjectArray(json_, "buffers") ? std::move(json_["buffers"]) : Json::array();
     for (size_t i = 0; i < buffers.size(); ++i) {
+      if (absl::Status over = job_.Check(); !over.ok()) return over;
       BufferPlace place;
-      FileBytes file;
-      std::span<const uint8_t> data;
       if (const auto uri = FileUri(buffers[i])) {
-        const auto sibling = ResolveSibling(directory_, *uri);
-        if (!sibling.ok()) return At("buffer", i, sibling.status());
-        if (absl::Status s = CheckPlace("buffer", i, *uri, *sibling); !s.ok()) return s;
-        auto read = ReadLocalFile(sibling->path, limits_.max_file_bytes);
-        if (!read.ok()) return At("buffer", i, Named(*uri, read.status()));
-        file = *std::move(read);
-        data = file;
-        place.merged = true;
+        if (absl::Status s = MergeFile(i, buffers[i], *uri, place); !s.ok()) return s;
       } else if (i == 0 && binary_ && !buffers[i].contains("uri")) {
-        data = *binary_;
-        place.merged = true;
-      }
-      if (place.merged) {
-        const auto length = Unsigned(buffers[i], "byteLength", data.size());
-        if (!length) return At("buffer", i, absl::InvalidArgumentError("byteLength is not a whole number"));
-        if (*length > data.size()) {
-          return At("buffer", i,
-                    absl::InvalidArgumentError(
-                        absl::StrCat("byteLength ", *length, ", but its data has ", data.size(), " bytes")));
-        }
-        place.length = *length;
-        if (absl::Status s = Append(data.first(*length), place.base); !s.ok()) return s;
+        const absl::StatusOr<uint64_t> length = LengthOf(i, buffers[i], binary_->size());
+        if (!length.ok()) return length.status();
+        place = {true, 0, *length, 0};
+        if (absl::Status s = Append(binary_->first(*length), place.base); !s.ok()) return s;
       } else {
         place.new_index = kept.size();
-        kept.push_back(buffers[i]);
+        kept.push_back(std::move(buffers[i]));
       }
       places_.push_back(place);
     }
@@ -235,6 +282,7 @@ class Packer {
     if (!IsObjectArray(json_, "bufferViews")) return absl::InvalidArgumentError("bufferViews is not a list of objects");
     Json& views = json_["bufferViews"];
     for (size_t i = 0; i < views.size(); ++i) {
+      if (absl::Status over = job_.Check(); !over.ok()) return over;
       if (absl::Status s = Move(views[i], i); !s.ok()) return s;
       const auto extensions = views[i].find("extensions");
       if (extensions == views[i].end() || !extensions->is_object()) continue;
@@ -253,29 +301,45 @@ class Packer {
     if (!IsObjectArray(json_, "images")) return absl::OkStatus();
     const std::vector<bool> wanted = WantedImages();
     for (size_t i = 0; i < wanted.size(); ++i) {
+      if (absl::Status over = job_.Check(); !over.ok()) return over;
       Json& image = json_["images"][i];
       const auto uri = FileUri(image);
       if (!uri) continue;
-      const auto sibling = ResolveSibling(directory_, *uri);
+      const auto sibling = Resolve(*uri);
+      if (absl::IsResourceExhausted(sibling.status())) return sibling.status();
       if (!sibling.ok()) continue;
       if (absl::Status s = CheckPlace("image", i, *uri, *sibling); !s.ok()) {
         if (wanted[i]) return s;
         continue;
       }
-      const auto bytes = ReadLocalFile(sibling->path, limits_.max_file_bytes);
-      if (!bytes.ok()) continue;
-      Json view{{"buffer", 0}, {"byteLength", bytes->size()}};
-      uint64_t base = 0;
-      if (absl::Status s = Append(*bytes, base); !s.ok()) return s;
-      view["byteOffset"] = base;
-      Json& views = json_["bufferViews"];
-      if (views.is_null()) views = Json::array();
+      const auto [view, fresh] = image_views_.try_emplace(sibling->path);
+      if (fresh) {
+        absl::StatusOr<std::optional<uint64_t>> added = AddView(sibling->path);
+        if (!added.ok()) return added.status();
+        view->second = *added;
+      }
+      if (!view->second) continue;
       image.erase("uri");
-      image["bufferView"] = views.size();
+      image["bufferView"] = *view->second;
       if (!image.contains("mimeType")) image["mimeType"] = MimeType(sibling->path);
-      views.push_back(std::move(view));
     }
     return absl::OkStatus();
+  }
+
+  // Puts a file into the BIN chunk. Out: its new buffer view; empty if it cannot be read.
+  absl::StatusOr<std::optional<uint64_t>> AddView(const fs::path& path) {
+    MemoryCharge charge(&MemoryOf(job_));
+    const auto bytes = ReadSibling(path, limits_.max_file_bytes, charge);
+    if (LimitErrorOf(bytes.status())) return bytes.status();
+    if (!bytes.ok()) return std::optional<uint64_t>();
+    constexpr uint64_t kBytesAView = 512;  // in the JSON
+    if (absl::Status s = memory_.Grow(kBytesAView, "buffer views:"); !s.ok()) return s;
+    uint64_t base = 0;
+    if (absl::Status s = Append(*bytes, base); !s.ok()) return s;
+    Json& views = json_["bufferViews"];
+    if (views.is_null()) views = Json::array();
+    views.push_back({{"buffer", 0}, {"byteLength", bytes->size()}, {"byteOffset", base}});
+    return std::optional<uint64_t>(views.size() - 1);
   }
 
   static std::string MimeType(const fs::path& path) {
@@ -287,15 +351,20 @@ class Packer {
   }
 
   absl::StatusOr<FileBytes> WriteGlb() {
+    // Its text takes no more than the tree.
+    if (absl::Status s = memory_.Grow(json_bytes_, "the packed mesh:"); !s.ok()) return s;
+    if (absl::Status over = job_.Check(); !over.ok()) return over;
     std::string text = json_.dump(-1, ' ', false, Json::error_handler_t::replace);
     text.resize((text.size() + 3) / 4 * 4, ' ');
-    bin_.resize((bin_.size() + 3) / 4 * 4);
+    if (absl::Status s = Align(); !s.ok()) return s;
     const uint64_t total = 12 + 8 + text.size() + 8 + bin_.size();
     if (total > limits_.max_file_bytes || total > UINT32_MAX) {
       return absl::ResourceExhaustedError(absl::StrCat("the packed mesh has ", total, " bytes, the limit is ",
                                                        std::min<uint64_t>(limits_.max_file_bytes, UINT32_MAX),
                                                        " bytes"));
     }
+    if (absl::Status s = memory_.Grow(total, "the packed mesh:"); !s.ok()) return s;
+    if (absl::Status over = job_.Check(); !over.ok()) return over;
     FileBytes glb;
     glb.reserve(total);
     const auto word = [&](uint32_t v) {
@@ -313,8 +382,19 @@ class Packer {
     return glb;
   }
 
+  // Where the first bytes of a file lie in the BIN chunk.
+  struct MergedFile {
+    uint64_t base = 0, length = 0;
+    uint64_t file_bytes = 0;  // of all of it
+  };
+
+  const JobContext& job_;
   Json json_;
-  MemoryCharge memory_;
+  MemoryCharge memory_;  // of all that this holds
+  const uint64_t json_bytes_ = memory_.bytes();
+  std::map<std::string, absl::StatusOr<SiblingFile>> siblings_;  // by URI
+  std::map<fs::path, MergedFile> merged_;                        // of buffers
+  std::map<fs::path, std::optional<uint64_t>> image_views_;      // of images; empty if it cannot be read
   std::optional<std::span<const uint8_t>> binary_;
   fs::path directory_;
   const LoadLimits& limits_;
@@ -332,26 +412,33 @@ absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const Loa
   };
   auto bytes = ReadLocalFile(path, limits.max_file_bytes);
   if (!bytes.ok()) return named(bytes.status());
-  MeshFormat format = MeshFormat::kAuto;
-  if (!SniffMeshFormat(*bytes)) format = MeshFormatOfName(path).value_or(format);
-  auto packed = PackMesh(*std::move(bytes), fs::path(path).parent_path(), limits, warnings, outside, format);
+  const JobContext endless;
+  MeshFormat format = DetectMeshFormat(endless, *bytes).value_or(MeshFormat::kAuto);
+  if (format == MeshFormat::kAuto) format = MeshFormatOfName(path).value_or(format);
+  auto packed = PackMesh(endless, *std::move(bytes), fs::path(path).parent_path(), limits, warnings, outside, format);
   if (!packed.ok()) return named(packed.status());
   return packed;
 }
 
-absl::StatusOr<FileBytes> PackMesh(FileBytes bytes, const fs::path& directory, const LoadLimits& limits,
-                                   WarningList* warnings, const OutsideFiles& outside, MeshFormat format) {
+absl::StatusOr<FileBytes> PackMesh(const JobContext& job, FileBytes bytes, const fs::path& directory,
+                                   const LoadLimits& limits, WarningList* warnings, const OutsideFiles& outside,
+                                   MeshFormat format) {
   try {
-    if (format == MeshFormat::kAuto) format = SniffMeshFormat(bytes).value_or(format);
+    if (format == MeshFormat::kAuto) {
+      const absl::StatusOr<MeshFormat> detected = DetectMeshFormat(job, bytes);
+      if (!detected.ok()) return detected.status();
+      format = *detected;
+    }
     if (format == MeshFormat::kObj) {
-      absl::StatusOr<std::optional<FileBytes>> packed = PackObj(bytes, directory, limits, outside);
+      absl::StatusOr<std::optional<FileBytes>> packed = PackObj(job, bytes, directory, limits, outside);
       if (!packed.ok()) return packed.status();
       return *packed ? **std::move(packed) : std::move(bytes);
     }
-    std::optional<Source> source = Parse(bytes, limits);
+    std::optional<Source> source = Parse(job, bytes, format, limits);
+    if (absl::Status over = job.Check(); !over.ok()) return over;
     if (!source) return bytes;
     if (warnings != nullptr) warnings->Append(source->warnings);
-    return Packer(*std::move(source), directory, limits, outside).Pack();
+    return Packer(job, *std::move(source), directory, limits, outside).Pack();
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory while packing");
   } catch (const std::exception& e) {  // nlohmann-json

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "base/warning.h"
 #include "load/decode/mesh_format.h"
 #include "load/file_bytes.h"
@@ -34,8 +35,9 @@ absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const Loa
                                               WarningList* warnings = nullptr, const OutsideFiles& outside = {});
 
 // The same for a mesh in memory, in any of the formats, whose errors name the URI alone; files that it names are
-// searched in `directory` (empty: the working directory). `format` kAuto: detected.
-absl::StatusOr<FileBytes> PackMesh(FileBytes bytes, const std::filesystem::path& directory,
+// searched in `directory` (empty: the working directory). A file is read once however often it is named. What is read
+// and written is charged to MemoryOf(job) meanwhile, and the job is polled: its errors too. `format` kAuto: detected.
+absl::StatusOr<FileBytes> PackMesh(const JobContext& job, FileBytes bytes, const std::filesystem::path& directory,
                                    const LoadLimits& limits = {}, WarningList* warnings = nullptr,
                                    const OutsideFiles& outside = {}, MeshFormat format = MeshFormat::kAuto);
 

@@ -241,7 +241,7 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> UploadMeshCall::Load(std::vector<uint8
   try {
     const uint64_t file_bytes = file.size();
     MeshFileType type = type_;
-    if (type.format == MeshFormat::kAuto) type.format = SniffMeshFormat(file).value_or(type.format);
+    if (type.format == MeshFormat::kAuto) type.format = DetectMeshFormat(job, file).value_or(type.format);
     absl::StatusOr<LoadedMesh> loaded =
         LoadMesh(std::move(file), {type, {}, state_.limits.load}, state_.limits.load_workers, job);
     if (!loaded.ok()) return loaded.status();

@@ -21,7 +21,7 @@ absl::Status OfMesh(const absl::Status& status) {
 
 absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, const LoadRequest& request, LoadWorkers* workers,
                                     const JobContext& job) {
-  const bool foreign = workers != nullptr && MayNeedForeignDecoder(file, request.type.format, request.textures);
+  const bool foreign = workers != nullptr && MayNeedForeignDecoder(job, file, request.type.format, request.textures);
   absl::StatusOr<LoadedMesh> loaded =
       foreign ? workers->Load(std::move(file), request, job) : LoadMeshFor(job, file, request, [&file] { file = {}; });
   if (!loaded.ok()) return OfMesh(loaded.status());

@@ -6,6 +6,7 @@ namespace voxelpipe {
 namespace {
 
 constexpr int kMaxSteps = 8;
+constexpr uint64_t kCornersAStep = 1 << 14;  // between two polls of the job
 
 bool Same(const CornerMesh::Corner& a, const CornerMesh::Corner& b) {
   return a.uv == b.uv && a.normal == b.normal && a.color == b.color;
@@ -74,6 +75,9 @@ absl::Status CornerMesh::AddPolygon(std::span<const Corner> corners, int32_t mat
   polygon_.clear();
   if (absl::Status full = budget_.MakeRoom(polygon_, corners.size(), "a face"); !full.ok()) return full;
   for (Corner corner : corners) {
+    if (++corners_ % kCornersAStep == 0) {
+      if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
+    }
     const auto drop = [&](bool kept, uint32_t& value) {
       if (kept) return;
       mixed_ = mixed_ || value != kNone;

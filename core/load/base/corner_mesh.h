@@ -60,7 +60,8 @@ class CornerMesh {
   std::vector<uint64_t> first_;  // by position: the number of its newest vertex over all primitives, plus one
   std::vector<Entry> entries_;   // of the current primitive's vertices
   std::vector<uint32_t> polygon_;
-  uint64_t before_ = 0;  // vertices of the primitives before the current one
+  uint64_t before_ = 0;   // vertices of the primitives before the current one
+  uint64_t corners_ = 0;  // of all polygons
   uint64_t triangles_ = 0;
   bool mixed_ = false;
 };

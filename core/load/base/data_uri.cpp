@@ -14,6 +14,7 @@
 namespace voxelpipe {
 namespace {
 
+constexpr size_t kMaxHeadBytes = 64 << 10;    // before the comma
 constexpr size_t kCharactersAStep = 1 << 18;  // of a URI, between two polls of the job; a multiple of 4
 
 int HexDigit(char c) {
@@ -102,6 +103,9 @@ bool IsDataUri(std::string_view uri) {
 absl::StatusOr<DataUri> DecodeDataUri(const JobContext& job, std::string_view uri) {
   const size_t comma = uri.find(',');
   if (comma == std::string_view::npos) return absl::InvalidArgumentError("a data: URI without a comma");
+  if (comma > kMaxHeadBytes) {
+    return absl::InvalidArgumentError(absl::StrCat("a data: URI with a head of more than ", kMaxHeadBytes, " bytes"));
+  }
   std::string_view data = uri.substr(comma + 1);
   const absl::StatusOr<DataHead> head = ReadHead(uri.substr(kDataScheme.size(), comma - kDataScheme.size()));
   if (!head.ok()) return head.status();

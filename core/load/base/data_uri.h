@@ -15,7 +15,8 @@ namespace voxelpipe {
 bool IsDataUri(std::string_view uri);
 
 // In: a data: URI. Out: its media type, name and bytes. Errors: INVALID_ARGUMENT saying what is not valid (base64,
-// percent escapes, a missing comma, an unknown encoding), without naming the owner of the URI; the job's.
+// percent escapes, a missing comma or one beyond 64 KiB, an unknown encoding), without naming the owner of the URI; the
+// job's.
 struct DataUri {
   std::string media_type;
   std::string name;  // its parameter "name", empty without one

@@ -8,6 +8,8 @@
 namespace voxelpipe {
 namespace {
 
+constexpr size_t kElementsAStep = 1 << 16;  // between two polls of the job
+
 // True if it was not finite.
 bool Clean(float& value) {
   if (IsFinite(value)) return false;
@@ -35,19 +37,21 @@ Vec4f LinearColor(const Vec4f& srgb) {
   return {LinearOfSrgb(srgb.x), LinearOfSrgb(srgb.y), LinearOfSrgb(srgb.z), alpha};
 }
 
-bool CleanNormals(std::vector<Vec3f>& normals) {
+bool CleanNormals(const JobContext& job, std::vector<Vec3f>& normals) {
   bool any = false;
-  for (Vec3f& n : normals) {
-    for (int axis = 0; axis < 3; ++axis) any = Clean(n[axis]) || any;
+  for (size_t i = 0; i < normals.size(); ++i) {
+    if (i % kElementsAStep == 0 && !job.Check().ok()) break;
+    for (int axis = 0; axis < 3; ++axis) any = Clean(normals[i][axis]) || any;
   }
   return any;
 }
 
-bool CleanUv(std::vector<Vec2f>& uv) {
+bool CleanUv(const JobContext& job, std::vector<Vec2f>& uv) {
   bool any = false;
-  for (Vec2f& t : uv) {
-    any = Clean(t.x) || any;
-    any = Clean(t.y) || any;
+  for (size_t i = 0; i < uv.size(); ++i) {
+    if (i % kElementsAStep == 0 && !job.Check().ok()) break;
+    any = Clean(uv[i].x) || any;
+    any = Clean(uv[i].y) || any;
   }
   return any;
 }
@@ -58,7 +62,12 @@ absl::Status AddFan(const std::vector<uint32_t>& corners, LoadBudget& budget,
   const uint64_t more = corners.size() - 2;
   if (absl::Status full = budget.CheckTriangles(triangles.size() + more); !full.ok()) return full;
   if (absl::Status full = budget.MakeRoom(triangles, more, "triangles"); !full.ok()) return full;
-  for (size_t i = 2; i < corners.size(); ++i) triangles.push_back({corners[0], corners[i - 1], corners[i]});
+  for (size_t i = 2; i < corners.size(); ++i) {
+    if (i % kElementsAStep == 0) {
+      if (absl::Status over = budget.job().Check(); !over.ok()) return over;
+    }
+    triangles.push_back({corners[0], corners[i - 1], corners[i]});
+  }
   return absl::OkStatus();
 }
 

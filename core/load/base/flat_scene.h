@@ -24,9 +24,9 @@ inline bool IsFinite(const Vec3f& p) {
   return IsFinite(p.x) && IsFinite(p.y) && IsFinite(p.z);
 }
 
-// Values that are not finite become 0; true if there were any.
-bool CleanNormals(std::vector<Vec3f>& normals);
-bool CleanUv(std::vector<Vec2f>& uv);
+// Values that are not finite become 0; true if there were any. The job is polled; they stop early once it is over.
+bool CleanNormals(const JobContext& job, std::vector<Vec3f>& normals);
+bool CleanUv(const JobContext& job, std::vector<Vec2f>& uv);
 
 // Adds the triangles of a polygon, a fan from its first corner: (0, 1, 2), (0, 2, 3), ... Nothing for fewer than three.
 // Errors: RESOURCE_EXHAUSTED; the job's.

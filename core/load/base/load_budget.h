@@ -12,6 +12,7 @@
 #include "absl/status/status.h"
 #include "absl/strings/str_cat.h"
 #include "base/job_context.h"
+#include "load/base/charged_growth.h"
 #include "mesh/scene/load_limits.h"
 
 namespace voxelpipe {
@@ -33,12 +34,8 @@ class LoadBudget {
   template <typename T>
   absl::Status MakeRoom(std::vector<T>& list, uint64_t more, std::string_view what) {
     if (list.capacity() - list.size() >= more) return absl::OkStatus();
-    const uint64_t grown = std::max<uint64_t>(list.size() + more, 2 * list.capacity());
-    if (absl::Status full = Take(grown, sizeof(T), what); !full.ok()) return full;
-    const uint64_t before = list.capacity() * sizeof(T);
-    list.reserve(grown);
-    charge_.ShrinkTo(charge_.bytes() - before);
-    return absl::OkStatus();
+    if (absl::Status over = job_.Check(); !over.ok()) return over;
+    return MakeChargedRoom(charge_, list, more, absl::StrCat(format_, ": ", std::string(what), ":"));
   }
 
   // Frees a list that MakeRoom made room in.

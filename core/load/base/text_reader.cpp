@@ -12,9 +12,7 @@ namespace {
 
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
-bool IsBlank(char c) {
-  return c == ' ' || c == '\t' || c == '\v' || c == '\f';
-}
+constexpr auto IsBlank = [](char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f'; };
 
 bool IsBlankOrEnd(char c) {
   return IsBlank(c) || c == '\n' || c == '\r';
@@ -25,59 +23,77 @@ std::string_view WithoutPlus(std::string_view word) {
   return word;
 }
 
-size_t Find(std::string_view text, char c, size_t from) {
-  if (from >= text.size()) return text.size();
-  const void* const found = std::memchr(text.data() + from, c, text.size() - from);
-  return found == nullptr ? text.size() : size_t(static_cast<const char*>(found) - text.data());
+const char* Find(const char* from, const char* end, char c) {
+  if (from == end) return end;
+  const void* const found = std::memchr(from, c, size_t(end - from));
+  return found == nullptr ? end : static_cast<const char*>(found);
 }
 
 }  // namespace
 
-TextLines::TextLines(std::string_view text) : text_(text) {
-  if (text_.substr(0, kByteOrderMark.size()) == kByteOrderMark) at_ = kByteOrderMark.size();
-  line_feed_ = Find(text_, '\n', at_);
+bool TextPlace::GoOn() {
+  if (at_ < end_ && !job_->Check().ok()) at_ = end_;
+  look_ = Ahead();
+  return at_ < end_;
+}
+
+TextLines::TextLines(std::string_view text, const JobContext& job) : begin_(text.data()), place_(text, &job) {
+  if (text.substr(0, kByteOrderMark.size()) == kByteOrderMark) place_.Skip(kByteOrderMark.size());
+  line_feed_ = Find(place_.at(), begin_ + text.size(), '\n');
 }
 
 std::optional<std::string_view> TextLines::Next() {
-  if (at_ >= text_.size()) return std::nullopt;
-  if (line_feed_ < at_) line_feed_ = Find(text_, '\n', at_);
+  const std::string_view rest = place_.rest();
+  if (rest.empty()) return std::nullopt;
+  const char *const at = rest.data(), *const text_end = at + rest.size();
+  if (line_feed_ < at) line_feed_ = Find(at, text_end, '\n');
   ++number_;
-  const std::string_view rest = text_.substr(0, line_feed_);
-  const size_t end = Find(rest, '\r', at_);
-  const std::string_view line = text_.substr(at_, end - at_);
-  at_ = end + 1;
-  if (end < line_feed_ && at_ == line_feed_) ++at_;  // "\r\n"
-  return line;
+  const char* const end = Find(at, line_feed_, '\r');
+  const bool pair = end < line_feed_ && end + 1 == line_feed_ && line_feed_ < text_end;  // "\r\n"
+  const size_t line_end = end == text_end ? 0 : pair ? 2 : 1;
+  place_.Skip(size_t(end - at) + line_end);
+  return std::string_view(at, size_t(end - at));
 }
 
 std::string_view Words::Next() {
-  size_t begin = 0;
-  while (begin < rest_.size() && IsBlank(rest_[begin])) ++begin;
-  size_t end = begin;
-  while (end < rest_.size() && !IsBlank(rest_[end])) ++end;
-  const std::string_view word = rest_.substr(begin, end - begin);
-  rest_.remove_prefix(end);
-  return word;
+  place_.SkipWhile(IsBlank);
+  const char* const begin = place_.at();
+  place_.SkipWhile([](char c) { return !IsBlank(c); });
+  return {begin, size_t(place_.at() - begin)};
 }
 
 std::string_view Words::Rest() const {
-  std::string_view rest = rest_;
-  while (!rest.empty() && IsBlank(rest.front())) rest.remove_prefix(1);
-  while (!rest.empty() && IsBlank(rest.back())) rest.remove_suffix(1);
-  return rest;
+  TextPlace place = place_;
+  place.SkipWhile(IsBlank);
+  place.TrimWhile(IsBlank);
+  return place.rest();
 }
 
 std::string_view WordStream::Next() {
-  for (; at_ < text_.size() && IsBlankOrEnd(text_[at_]); ++at_) {
-    const bool pair = text_[at_] == '\r' && at_ + 1 < text_.size() && text_[at_ + 1] == '\n';
-    if (!IsBlank(text_[at_]) && !pair) ++line_;
+  char before = 0;
+  place_.SkipWhile([&](char c) {
+    if (!IsBlankOrEnd(c)) return false;
+    if (c == '\r' || (c == '\n' && before != '\r')) ++line_;
+    before = c;
+    return true;
+  });
+  const char* const begin = place_.at();
+  place_.SkipWhile([](char c) { return !IsBlankOrEnd(c); });
+  return {begin, size_t(place_.at() - begin)};
+}
+
+bool Contains(std::string_view text, std::string_view part, const JobContext& job) {
+  constexpr size_t kStep = 1 << 20;  // characters between two polls
+  for (size_t at = 0; at + part.size() <= text.size() && job.Check().ok(); at += kStep) {
+    const std::string_view step = text.substr(at, kStep + part.size() - 1);
+    // std's searches byte by byte.
+    if (memmem(step.data(), step.size(), part.data(), part.size()) != nullptr) return true;
   }
-  const size_t begin = at_;
-  while (at_ < text_.size() && !IsBlankOrEnd(text_[at_])) ++at_;
-  return text_.substr(begin, at_ - begin);
+  return false;
 }
 
 bool ReadFloat(std::string_view word, float& value) {
+  if (word.size() > kMaxNumberBytes) return false;
   word = WithoutPlus(word);
   const char* const end = word.data() + word.size();
   const std::from_chars_result read = std::from_chars(word.data(), end, value);
@@ -96,6 +112,7 @@ bool ReadFloat(std::string_view word, float& value) {
 }
 
 bool ReadInteger(std::string_view word, int64_t& value) {
+  if (word.size() > kMaxNumberBytes) return false;
   word = WithoutPlus(word);
   const char* const end = word.data() + word.size();
   const std::from_chars_result read = std::from_chars(word.data(), end, value);

@@ -12,8 +12,10 @@
 namespace voxelpipe {
 
 // True if loading the file, and decoding those of its textures, may run one of them. Searches the text alone: true may
-// be wrong, false is not. O(size of the JSON), without parsing it.
-bool MayNeedForeignDecoder(std::span<const uint8_t> file, MeshFormat format, const TextureUse& textures);
+// be wrong, false is not. O(size of the JSON or text), without parsing it. The job is polled; the answer is of no use
+// once it is over.
+bool MayNeedForeignDecoder(const JobContext& job, std::span<const uint8_t> file, MeshFormat format,
+                           const TextureUse& textures);
 
 // After this call no such decoder runs in this process: code that would call one returns INTERNAL. Cannot be undone.
 // Thread-safe.

@@ -13,6 +13,7 @@ constexpr uint32_t kMagic = 0x46546C67;      // "glTF"
 constexpr uint32_t kJsonChunk = 0x4E4F534A;  // "JSON"
 constexpr uint32_t kBinChunk = 0x004E4942;   // "BIN\0"
 constexpr uint64_t kHeaderBytes = 12, kChunkHeaderBytes = 8;
+constexpr uint64_t kChunksAStep = 1 << 14;  // between two polls of the job
 
 uint32_t ReadU32(std::span<const uint8_t> bytes, uint64_t at) {
   return static_cast<uint32_t>(bytes[at]) | static_cast<uint32_t>(bytes[at + 1]) << 8 |
@@ -33,7 +34,7 @@ void AddLeftOverBytes(const GlbChunks& chunks, WarningList& warnings) {
       absl::StrCat(chunks.left_over_bytes, " bytes after the length that the GLB header declares are ignored"));
 }
 
-absl::StatusOr<GlbChunks> SplitGlb(std::span<const uint8_t> bytes) {
+absl::StatusOr<GlbChunks> SplitGlb(const JobContext& job, std::span<const uint8_t> bytes) {
   if (bytes.size() < 4 || ReadU32(bytes, 0) != kMagic) return Broken("byte 0: the magic 'glTF' is missing");
   if (bytes.size() < kHeaderBytes) {
     return Broken("the header needs ", kHeaderBytes, " bytes, the file has ", bytes.size());
@@ -49,7 +50,11 @@ absl::StatusOr<GlbChunks> SplitGlb(std::span<const uint8_t> bytes) {
   GlbChunks chunks;
   chunks.left_over_bytes = bytes.size() - length;
   bool have_json = false;
+  uint64_t chunk = 0;
   for (uint64_t at = kHeaderBytes; at < length;) {
+    if (chunk++ % kChunksAStep == 0) {
+      if (absl::Status over = job.Check(); !over.ok()) return over;
+    }
     if (length - at < kChunkHeaderBytes) return Broken("byte ", at, ": a chunk header is cut off");
     const uint64_t size = ReadU32(bytes, at);
     const uint32_t type = ReadU32(bytes, at + 4);

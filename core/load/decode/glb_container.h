@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "base/warning.h"
 
 namespace voxelpipe {
@@ -22,7 +23,7 @@ struct GlbChunks {
 void AddLeftOverBytes(const GlbChunks& chunks, WarningList& warnings);
 
 // In: a file that begins with the GLB magic. Errors: INVALID_ARGUMENT naming the byte offset: wrong version (glTF 1.0),
-// a length field or chunk that overruns the file, a first chunk that is not JSON.
-absl::StatusOr<GlbChunks> SplitGlb(std::span<const uint8_t> bytes);
+// a length field or chunk that overruns the file, a first chunk that is not JSON; the job's.
+absl::StatusOr<GlbChunks> SplitGlb(const JobContext& job, std::span<const uint8_t> bytes);
 
 }  // namespace voxelpipe

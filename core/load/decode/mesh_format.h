@@ -6,6 +6,8 @@
 #include <span>
 #include <string_view>
 
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
 #include "mesh/scene/length_unit.h"
 
 namespace voxelpipe {
@@ -17,8 +19,16 @@ std::string_view Name(MeshFormat format);
 // The format by the extension of a file's name, in any case; empty if there is none that is known.
 std::optional<MeshFormat> MeshFormatOfName(std::string_view file_name);
 
-// The format by the content; empty if unknown. `bytes` may be the beginning of a file of `file_bytes` (0: all of it).
+// A file whose first bytes have a statement, a keyword or a signature among them shows its format there.
+inline constexpr uint64_t kSniffedBytes = 64 << 10;
+
+// The format by the first kSniffedBytes of the content; empty if they show none. O(kSniffedBytes). `bytes` may be the
+// beginning of a file of `file_bytes` (0: all of it).
 std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes, uint64_t file_bytes = 0);
+
+// The format by all of the content, of which comments, blank lines or, in a ZIP archive, other entries may fill more
+// than kSniffedBytes; kAuto if it is unknown. Errors: the job's, which is polled.
+absl::StatusOr<MeshFormat> DetectMeshFormat(const JobContext& job, std::span<const uint8_t> file);
 
 // How the bytes of a mesh file are to be read.
 struct MeshFileType {

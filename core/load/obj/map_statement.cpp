@@ -23,10 +23,10 @@ std::optional<int> OptionWords(std::string_view option) {
 
 }  // namespace
 
-MapStatement ParseMapStatement(std::string_view arguments) {
+MapStatement ParseMapStatement(const JobContext& job, std::string_view arguments) {
   MapStatement map;
-  Words words(arguments);
-  map.name = words.Rest();
+  Words words(arguments, &job);
+  Words name = words;
   for (std::string_view word = words.Next(); !word.empty() && word[0] == '-'; word = words.Next()) {
     const std::optional<int> count = OptionWords(word);
     if (!count) break;  // a name that begins with "-"
@@ -44,8 +44,9 @@ MapStatement ParseMapStatement(std::string_view arguments) {
     } else {
       for (int i = 0; i < *count; ++i) words.Next();
     }
-    map.name = words.Rest();
+    name = words;
   }
+  map.name = name.Rest();
   return map;
 }
 

@@ -3,6 +3,8 @@
 
 #include <string_view>
 
+#include "base/job_context.h"
+
 namespace voxelpipe::obj {
 
 struct MapStatement {
@@ -11,7 +13,8 @@ struct MapStatement {
   bool clamp = false;
 };
 
-// In: what follows the keyword. Options that change no result here are skipped.
-MapStatement ParseMapStatement(std::string_view arguments);
+// In: what follows the keyword. Options that change no result here are skipped. The job is polled; the statement is of
+// no use once it is over.
+MapStatement ParseMapStatement(const JobContext& job, std::string_view arguments);
 
 }  // namespace voxelpipe::obj

@@ -14,8 +14,7 @@
 namespace voxelpipe::obj {
 namespace {
 
-constexpr uint64_t kLinesAStep = 1 << 12;  // between two polls of the job
-constexpr uint64_t kBytesAMaterial = 512;  // with its name in the table
+constexpr uint64_t kBytesAMaterial = 512;  // beside itself: its name, its place in the table, its faults
 
 // The numbers of a line; false if there are fewer, or one is not finite.
 bool Numbers(Words words, float* values, int count) {
@@ -32,9 +31,10 @@ float Unit(float value) {
 }  // namespace
 
 absl::StatusOr<int32_t> Materials::Find(std::string_view name) {
-  const auto known = ids_.find(std::string(name));
+  const auto known = ids_.find(absl::string_view(name.data(), name.size()));
   if (known != ids_.end()) return known->second;
   if (absl::Status full = budget_.Take(kBytesAMaterial + 2 * name.size(), 1, "materials"); !full.ok()) return full;
+  if (absl::Status full = budget_.MakeRoom(scene_.materials, 1, "materials"); !full.ok()) return full;
   const auto id = int32_t(scene_.materials.size());
   Material& material = scene_.materials.emplace_back();
   material.name = std::string(name);
@@ -53,13 +53,13 @@ absl::Status Materials::ReadLibraries(std::string_view names, uint64_t line) {
                                      " is no file that could be read; materials have their defaults"));
   };
   bool any_data = false;
-  Words ahead(names);
+  Words ahead = WordsOf(names);
   for (std::string_view word = ahead.Next(); !word.empty(); word = ahead.Next()) any_data = any_data || IsDataUri(word);
   if (!any_data) {  // one name, which may hold spaces
     if (!names.empty()) missing(names);
     return absl::OkStatus();
   }
-  Words words(names);
+  Words words = WordsOf(names);
   for (std::string_view word = words.Next(); !word.empty(); word = words.Next()) {
     if (!IsDataUri(word)) {
       missing(word);
@@ -83,12 +83,9 @@ absl::Status Materials::ReadLibraries(std::string_view names, uint64_t line) {
 
 absl::Status Materials::ReadLibrary(std::string_view text, const std::string& where) {
   current_ = -1;
-  TextLines lines(text);
+  TextLines lines(text, budget_.job());
   while (const std::optional<std::string_view> line = lines.Next()) {
-    if (lines.number() % kLinesAStep == 0) {
-      if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
-    }
-    Words words(*line);
+    Words words = WordsOf(*line);
     const std::string_view word = words.Next();
     if (word.empty() || word[0] == '#') continue;
     const std::string place = absl::StrCat(where, ", line ", lines.number());
@@ -112,7 +109,7 @@ absl::Status Materials::Statement(std::string_view word, std::string_view line, 
   Material& material = scene_.materials[size_t(current_)];
   float v[3] = {0, 0, 0};
   const auto read = [&](int count) {
-    if (Numbers(Words(line), v, count)) return true;
+    if (Numbers(WordsOf(line), v, count)) return true;
     scene_.warnings.Add(
         WarningCode::kNonconformingFile, where,
         absl::StrCat(Quote(word), " needs ", count, count == 1 ? " number" : " numbers", "; it is ignored"));
@@ -143,14 +140,14 @@ absl::Status Materials::Statement(std::string_view word, std::string_view line, 
 }
 
 absl::Status Materials::ReadMap(std::string_view arguments, TextureRef& ref) {
-  const MapStatement map = ParseMapStatement(arguments);
+  const MapStatement map = ParseMapStatement(budget_.job(), arguments);
   Texture texture;
   if (map.clamp) texture.wrap_s = texture.wrap_t = WrapMode::kClampToEdge;
   ref = TextureRef{};
   const absl::StatusOr<int32_t> image = ImageOf(map.name, ref.fault);
   if (!image.ok()) return image.status();
   if (*image < 0) return absl::OkStatus();
-  if (absl::Status full = budget_.Take(sizeof(Texture), 2, "textures"); !full.ok()) return full;
+  if (absl::Status full = budget_.MakeRoom(scene_.textures, 1, "textures"); !full.ok()) return full;
   texture.image = *image;
   ref.texture = int32_t(scene_.textures.size());
   scene_.textures.push_back(texture);
@@ -164,7 +161,7 @@ absl::Status Materials::ReadMap(std::string_view arguments, TextureRef& ref) {
 
 absl::StatusOr<int32_t> Materials::ImageOf(std::string_view name, std::string& fault) {
   if (!IsDataUri(name)) {
-    const auto known = images_.find(std::string(name));
+    const auto known = images_.find(absl::string_view(name.data(), name.size()));
     if (known != images_.end()) return known->second;
     fault = absl::StrCat("the file ", Quote(name), " could not be read");
     return -1;
@@ -177,6 +174,7 @@ absl::StatusOr<int32_t> Materials::ImageOf(std::string_view name, std::string& f
     return -1;
   }
   if (!data.ok()) return data.status();
+  if (absl::Status full = budget_.MakeRoom(scene_.images, 1, "textures"); !full.ok()) return full;
   const auto id = int32_t(scene_.images.size());
   auto image = std::make_shared<Image>();
   image->name = data->name.empty() ? absl::StrCat("image ", id) : data->name;

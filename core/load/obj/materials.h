@@ -4,10 +4,11 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
-#include <unordered_map>
 
+#include "absl/container/flat_hash_map.h"
 #include "absl/status/statusor.h"
 #include "load/base/load_budget.h"
+#include "load/base/text_reader.h"
 #include "mesh/scene/scene.h"
 
 namespace voxelpipe::obj {
@@ -30,6 +31,8 @@ class Materials {
   bool defined(int32_t material) const { return defined_[size_t(material)]; }
 
  private:
+  // The words of a line.
+  Words WordsOf(std::string_view line) const { return Words(line, &budget_.job()); }
   absl::Status ReadLibrary(std::string_view text, const std::string& where);
   absl::Status Statement(std::string_view word, std::string_view line, const std::string& where);
   // The texture of a statement map_...: options, then a data: URI, or the name of one that came before.
@@ -38,10 +41,10 @@ class Materials {
 
   Scene& scene_;
   LoadBudget& budget_;
-  std::unordered_map<std::string, int32_t> ids_;     // materials by name
-  std::unordered_map<std::string, int32_t> images_;  // by the name in their data: URI
-  std::vector<bool> defined_;                        // by material
-  int32_t current_ = -1;                             // the material that a library describes
+  absl::flat_hash_map<std::string, int32_t> ids_;     // materials by name
+  absl::flat_hash_map<std::string, int32_t> images_;  // by the name in their data: URI
+  std::vector<bool> defined_;                         // by material
+  int32_t current_ = -1;                              // the material that a library describes
   bool any_library_ = false, any_missing_ = false;
 };
 

@@ -15,8 +15,7 @@
 namespace voxelpipe {
 namespace {
 
-constexpr uint64_t kLinesAStep = 1 << 12;  // between two polls of the job
-constexpr uint64_t kCornersAStep = 1 << 16;
+constexpr uint64_t kMaterialsAStep = 1 << 12;  // between two polls of the job
 
 constexpr std::string_view kSilent[] = {"g", "o", "s", "mg", "lod", "bevel", "c_interp", "d_interp"};
 constexpr std::string_view kFreeForm[] = {"vp",    "cstype", "deg",  "bmat",   "step",   "curv",       "curv2",
@@ -39,7 +38,7 @@ std::string_view NextNumber(Words& words) {
 class ObjReader {
  public:
   ObjReader(std::string_view text, LoadBudget& budget)
-      : lines_(text),
+      : lines_(text, budget.job()),
         budget_(budget),
         materials_(scene_, budget),
         mesh_({&positions_, &uv_, &normals_, &colors_}, budget) {}
@@ -49,7 +48,7 @@ class ObjReader {
       const absl::StatusOr<std::optional<std::string_view>> line = NextLine();
       if (!line.ok()) return line.status();
       if (!*line) break;
-      Words words(**line);
+      Words words(**line, &budget_.job());
       const std::string_view word = words.Next();
       if (word.empty() || word[0] == '#') continue;
       if (absl::Status bad = Statement(word, words); !bad.ok()) return bad;
@@ -71,10 +70,6 @@ class ObjReader {
   absl::StatusOr<std::optional<std::string_view>> NextLine() {
     std::optional<std::string_view> line = lines_.Next();
     first_line_ = lines_.number();
-    if (lines_.number() >= poll_at_) {
-      poll_at_ = lines_.number() + kLinesAStep;
-      if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
-    }
     if (!line || line->empty() || line->back() != '\\') return line;
     joined_.clear();
     while (line) {
@@ -99,7 +94,11 @@ class ObjReader {
       const absl::StatusOr<int32_t> material = materials_.Find(words.Rest());
       if (!material.ok()) return material.status();
       material_ = *material;
-      if (size_t(material_) >= used_at_.size()) used_at_.resize(size_t(material_) + 1);
+      if (const size_t known = used_at_.size(); size_t(material_) >= known) {
+        const uint64_t more = uint64_t(material_) + 1 - known;
+        if (absl::Status full = budget_.MakeRoom(used_at_, more, "materials"); !full.ok()) return full;
+        used_at_.resize(known + more);
+      }
       if (used_at_[size_t(material_)] == 0) used_at_[size_t(material_)] = first_line_;
       return absl::OkStatus();
     }
@@ -209,6 +208,7 @@ class ObjReader {
 
   absl::StatusOr<CornerMesh::Corner> ReadCorner(std::string_view word) const {
     CornerMesh::Corner corner;
+    if (word.size() > kMaxNumberBytes) return Bad(Quote(word), " is longer than a corner of a face may be");
     const char *at = word.data(), *const end = word.data() + word.size();
     if (absl::Status bad = Index(at, end, positions_.size(), "vertex", corner.position); !bad.ok()) return bad;
     if (at < end && *at == '/') {
@@ -236,9 +236,6 @@ class ObjReader {
       if (!corner.ok()) return corner.status();
       if (absl::Status full = budget_.MakeRoom(corners_, 1, "a face"); !full.ok()) return full;
       corners_.push_back(*corner);
-      if (corners_.size() % kCornersAStep == 0) {
-        if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
-      }
     }
     if (corners_.size() < 3) ++few_corners_;
     return mesh_.AddPolygon(corners_, material_);
@@ -255,6 +252,9 @@ class ObjReader {
            "faces of which only some corners have texture coordinates or normals; they count as without");
     }
     for (size_t i = 0; i < used_at_.size() && materials_.complete(); ++i) {
+      if (i % kMaterialsAStep == 0) {
+        if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
+      }
       if (used_at_[i] == 0 || materials_.defined(int32_t(i))) continue;
       scene_.warnings.Add(WarningCode::kNonconformingFile, absl::StrCat("line ", used_at_[i]),
                           absl::StrCat("no material library has the material ", Quote(scene_.materials[i].name),
@@ -263,8 +263,8 @@ class ObjReader {
     std::vector<Primitive> primitives = mesh_.Take();
     bool odd_normals = false, odd_uv = false;
     for (Primitive& primitive : primitives) {
-      odd_normals = CleanNormals(primitive.normals) || odd_normals;
-      odd_uv = CleanUv(primitive.uv[0]) || odd_uv;
+      odd_normals = CleanNormals(budget_.job(), primitive.normals) || odd_normals;
+      odd_uv = CleanUv(budget_.job(), primitive.uv[0]) || odd_uv;
     }
     if (odd_normals) warn(WarningCode::kNonconformingFile, "normals that are not finite count as 0");
     if (odd_uv) warn(WarningCode::kNonconformingFile, "texture coordinates that are not finite count as 0");
@@ -278,6 +278,7 @@ class ObjReader {
     budget_.Drop(colors_);
     budget_.Drop(corners_);
     budget_.Drop(joined_);
+    budget_.Drop(used_at_);
     Scene scene = OneMeshScene(std::move(primitives), std::move(scene_.warnings), budget_);
     scene.materials = std::move(scene_.materials);
     scene.textures = std::move(scene_.textures);
@@ -297,7 +298,7 @@ class ObjReader {
   std::vector<char> joined_;
   std::vector<uint64_t> used_at_;  // by material: the line that uses it first, 0 for none
   int32_t material_ = -1;
-  uint64_t first_line_ = 0, poll_at_ = 0, few_corners_ = 0;
+  uint64_t first_line_ = 0, few_corners_ = 0;
   bool any_known_ = false, points_or_lines_ = false, warned_of_free_form_ = false, warned_of_unknown_ = false;
   bool warned_of_numbers_ = false, warned_of_colors_ = false;
 };
@@ -308,11 +309,10 @@ std::string_view TextOf(std::span<const uint8_t> bytes) {
 
 }  // namespace
 
-bool IsObj(std::span<const uint8_t> bytes) {
-  TextLines lines(TextOf(bytes));
+bool IsObj(const JobContext& job, std::string_view text) {
+  TextLines lines(text, job);
   while (const std::optional<std::string_view> line = lines.Next()) {
-    Words words(*line);
-    const std::string_view word = words.Next();
+    const std::string_view word = Words(*line, &job).Next();
     if (word.empty() || word[0] == '#' || IsOneOf(word, kSilent)) continue;
     return IsOneOf(word, kRead);
   }

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <span>
+#include <string_view>
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
@@ -13,8 +14,9 @@
 
 namespace voxelpipe {
 
-// True if the first statement of the text, but for groups and names, is one of OBJ that is read.
-bool IsObj(std::span<const uint8_t> bytes);
+// True if the first statement of the text, but for groups and names, is one of OBJ that is read. The job is polled; the
+// answer is of no use once it is over.
+bool IsObj(const JobContext& job, std::string_view text);
 
 // In: a whole file whose material libraries and textures are data: URIs (load/pack_obj.h makes them); other names
 // are never opened, and give a warning. Out: one mesh. Polygons become fans from their first corner, in file order;
@@ -22,8 +24,8 @@ bool IsObj(std::span<const uint8_t> bytes);
 // vertices ("v x y z r g b", from 0 to 1) and of materials are sRGB, as programs write them, and are converted to
 // linear. v of texture coordinates points up, that of TEXCOORD_0 down. Points, lines and groups are ignored, free-form
 // geometry with a warning.
-// Errors: INVALID_ARGUMENT naming the line; RESOURCE_EXHAUSTED naming the limit; the job's, which is polled between
-// lines.
+// Errors: INVALID_ARGUMENT naming the line; RESOURCE_EXHAUSTED naming the limit; the job's, which is polled within
+// the text.
 absl::StatusOr<Scene> LoadObj(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits);
 
 }  // namespace voxelpipe

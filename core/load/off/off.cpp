@@ -11,7 +11,6 @@
 namespace voxelpipe {
 namespace {
 
-constexpr uint64_t kLinesAStep = 1 << 14;                   // between two polls of the job
 constexpr uint64_t kMinVertexBytes = 6, kMinFaceBytes = 2;  // "0 0 0" and "0" with the end of the line
 
 // What the keyword says of a vertex.
@@ -42,12 +41,12 @@ std::optional<Kind> KindOf(std::string_view word, std::string_view& rest) {
 // Lines without comments and blank ones.
 class Lines {
  public:
-  explicit Lines(std::string_view text) : lines_(text) {}
+  Lines(std::string_view text, const JobContext& job) : lines_(text, job), job_(job) {}
 
   std::optional<std::string_view> Next() {
     while (std::optional<std::string_view> line = lines_.Next()) {
       line = line->substr(0, line->find('#'));
-      if (!Words(*line).Next().empty()) return line;
+      if (!Words(*line, &job_).Next().empty()) return line;
     }
     return std::nullopt;
   }
@@ -56,12 +55,13 @@ class Lines {
 
  private:
   TextLines lines_;
+  const JobContext& job_;
 };
 
 class OffReader {
  public:
   OffReader(std::string_view text, LoadBudget& budget, WarningList& warnings)
-      : lines_(text), bytes_(text.size()), budget_(budget), warnings_(warnings) {}
+      : lines_(text, budget.job()), bytes_(text.size()), budget_(budget), warnings_(warnings) {}
 
   absl::StatusOr<Primitive> Read() {
     if (absl::Status bad = ReadHead(); !bad.ok()) return bad;
@@ -80,12 +80,12 @@ class OffReader {
     return budget_.Invalid("line ", lines_.number() == 0 ? 1 : lines_.number(), ": ", what...);
   }
 
-  absl::Status Poll() const { return lines_.number() % kLinesAStep == 0 ? budget_.job().Check() : absl::OkStatus(); }
+  Words WordsOf(std::string_view line) const { return Words(line, &budget_.job()); }
 
   absl::Status ReadHead() {
     std::optional<std::string_view> line = lines_.Next();
     if (!line) return Bad("the file has no lines but comments");
-    Words words(*line);
+    Words words = WordsOf(*line);
     std::string_view word = words.Next(), glued;
     if (const std::optional<Kind> kind = KindOf(word, glued)) {
       kind_ = *kind;
@@ -95,7 +95,7 @@ class OffReader {
       if (word.empty()) {
         line = lines_.Next();
         if (!line) return Bad("the counts of vertices and faces are missing; the file may be cut off");
-        words = Words(*line);
+        words = WordsOf(*line);
         word = words.Next();
       }
     }
@@ -135,15 +135,14 @@ class OffReader {
     for (uint64_t i = 0; i < vertices_; ++i) {
       const std::optional<std::string_view> line = lines_.Next();
       if (!line) return Bad("the file ends behind ", i, " of ", vertices_, " vertices");
-      if (absl::Status over = Poll(); !over.ok()) return over;
-      if (absl::Status bad = ReadVertex(Words(*line)); !bad.ok()) return bad;
+      if (absl::Status bad = ReadVertex(WordsOf(*line)); !bad.ok()) return bad;
     }
     const auto warn = [&](const char* what) {
       warnings_.Add(WarningCode::kNonconformingFile, "vertices",
                     absl::StrCat(what, " have values that are not finite; they count as 0"));
     };
-    if (CleanNormals(out_.normals)) warn("normals");
-    if (CleanUv(out_.uv[0])) warn("texture coordinates");
+    if (CleanNormals(budget_.job(), out_.normals)) warn("normals");
+    if (CleanUv(budget_.job(), out_.uv[0])) warn("texture coordinates");
     return absl::OkStatus();
   }
 
@@ -195,8 +194,7 @@ class OffReader {
     for (uint64_t i = 0; i < faces_; ++i) {
       const std::optional<std::string_view> line = lines_.Next();
       if (!line) return Bad("the file ends behind ", i, " of ", faces_, " faces");
-      if (absl::Status over = Poll(); !over.ok()) return over;
-      Words words(*line);
+      Words words = WordsOf(*line);
       const std::string_view first = words.Next();
       int64_t count = 0;
       if (!ReadInteger(first, count) || count < 0) return Bad("the number of corners of a face, not ", Quote(first));
@@ -242,11 +240,11 @@ std::string_view TextOf(std::span<const uint8_t> bytes) {
 
 }  // namespace
 
-bool IsOff(std::span<const uint8_t> bytes) {
-  Lines lines(TextOf(bytes));
+bool IsOff(const JobContext& job, std::string_view text) {
+  Lines lines(text, job);
   const std::optional<std::string_view> line = lines.Next();
   std::string_view rest;
-  return line && KindOf(Words(*line).Next(), rest).has_value();
+  return line && KindOf(Words(*line, &job).Next(), rest).has_value();
 }
 
 absl::StatusOr<Scene> LoadOff(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits) {

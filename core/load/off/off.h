@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <span>
+#include <string_view>
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
@@ -13,15 +14,15 @@
 namespace voxelpipe {
 
 // True if the text begins, behind comments, with the keyword: OFF behind any of ST, C and N, or a variant that LoadOff
-// refuses by name.
-bool IsOff(std::span<const uint8_t> bytes);
+// refuses by name. The job is polled; the answer is of no use once it is over.
+bool IsOff(const JobContext& job, std::string_view text);
 
 // In: a whole file; the keyword may be missing. Out: one primitive. A vertex is a line: x y z, then the normal if the
 // keyword has N, then a colour if it has C, then u v if it has ST. Colours are integers from 0 to 255 or, if a number
 // of it has a point or an exponent, numbers from 0 to 1; sRGB, converted to linear. v points up, that of TEXCOORD_0
 // down. Polygons become fans from their first corner, in file order. Colours of faces are ignored with a warning.
-// Errors: INVALID_ARGUMENT naming the line; RESOURCE_EXHAUSTED naming the limit; the job's, which is polled between
-// lines.
+// Errors: INVALID_ARGUMENT naming the line; RESOURCE_EXHAUSTED naming the limit; the job's, which is polled within
+// the text.
 absl::StatusOr<Scene> LoadOff(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits);
 
 }  // namespace voxelpipe

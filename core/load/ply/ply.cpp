@@ -213,8 +213,8 @@ class BodyReader {
       warnings_.Add(WarningCode::kNonconformingFile, "vertex",
                     absl::StrCat(what, " have values that are not finite; they count as 0"));
     };
-    if (CleanNormals(out_.normals)) warn("normals");
-    if (CleanUv(out_.uv[0])) warn("texture coordinates");
+    if (CleanNormals(budget_.job(), out_.normals)) warn("normals");
+    if (CleanUv(budget_.job(), out_.uv[0])) warn("texture coordinates");
     if (odd_attributes_) warn("properties");
     return absl::OkStatus();
   }
@@ -262,6 +262,7 @@ class BodyReader {
     corners.clear();
     if (absl::Status full = budget_.MakeRoom(corners, *count, "a face"); !full.ok()) return full;
     for (uint64_t i = 0; i < *count; ++i) {
+      if (absl::Status over = Poll(i + 1); !over.ok()) return over;
       int64_t index = 0;
       if (!values_.Integer(property.type, index)) return Missing(element, row, property);
       if (index < 0 || uint64_t(index) >= vertices_) {
@@ -295,7 +296,7 @@ absl::StatusOr<Scene> LoadPly(const JobContext& job, std::span<const uint8_t> by
   };
   const uint64_t begin = std::min<uint64_t>(header->data_at, bytes.size());
   absl::StatusOr<Primitive> primitive =
-      header->encoding == ply::Encoding::kAscii          ? read(ply::TextValues(text.substr(begin), header->data_line))
+      header->encoding == ply::Encoding::kAscii ? read(ply::TextValues(text.substr(begin), header->data_line, job))
       : header->encoding == ply::Encoding::kLittleEndian ? read(ply::BinaryValues<false>(bytes.subspan(begin)))
                                                          : read(ply::BinaryValues<true>(bytes.subspan(begin)));
   if (!primitive.ok()) return primitive.status();

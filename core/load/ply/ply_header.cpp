@@ -10,6 +10,7 @@ namespace voxelpipe::ply {
 namespace {
 
 constexpr size_t kMaxElements = 64, kMaxProperties = 256;  // of one element
+constexpr size_t kMaxNameBytes = 1024;
 
 std::optional<Type> TypeOf(std::string_view name) {
   static constexpr struct {
@@ -27,13 +28,13 @@ std::optional<Type> TypeOf(std::string_view name) {
 
 class HeaderReader {
  public:
-  HeaderReader(std::string_view text, const LoadBudget& budget) : lines_(text), budget_(budget) {}
+  HeaderReader(std::string_view text, const LoadBudget& budget) : lines_(text, budget.job()), budget_(budget) {}
 
   absl::StatusOr<Header> Read() {
     const std::optional<std::string_view> first = lines_.Next();
     if (!first || Words(*first).Next() != "ply") return Bad("a PLY file begins with 'ply'");
     while (const std::optional<std::string_view> line = lines_.Next()) {
-      Words words(*line);
+      Words words(*line, &budget_.job());
       const std::string_view word = words.Next();
       if (word == "end_header") return Finish();
       if (absl::Status bad = Statement(word, words); !bad.ok()) return bad;
@@ -81,10 +82,17 @@ class HeaderReader {
     return absl::OkStatus();
   }
 
+  absl::Status CheckName(std::string_view name) const {
+    return name.size() <= kMaxNameBytes ? absl::OkStatus()
+                                        : Bad("the name ", Quote(name), " has more than ", kMaxNameBytes, " bytes");
+  }
+
   absl::Status AddElement(Words& words) {
     if (header_.elements.size() == kMaxElements) return Bad("more than ", kMaxElements, " elements");
     Element element;
-    element.name = std::string(words.Next());
+    const std::string_view name = words.Next();
+    if (absl::Status bad = CheckName(name); !bad.ok()) return bad;
+    element.name = std::string(name);
     element.line = lines_.number();
     const std::string_view count = words.Next();
     int64_t value = 0;
@@ -116,7 +124,9 @@ class HeaderReader {
     const std::optional<Type> known = TypeOf(type);
     if (!known) return Bad(Quote(type), " is no type (char, uchar, short, ushort, int, uint, float, double)");
     property.type = *known;
-    property.name = std::string(words.Next());
+    const std::string_view name = words.Next();
+    if (absl::Status bad = CheckName(name); !bad.ok()) return bad;
+    property.name = std::string(name);
     if (property.name.empty()) return Bad("a property without a name");
     for (const Property& other : element.properties) {
       if (other.name == property.name) return Bad("a second property ", Quote(property.name));

@@ -18,7 +18,7 @@ namespace voxelpipe::ply {
 // Words of text.
 class TextValues {
  public:
-  TextValues(std::string_view text, uint64_t first_line) : words_(text, first_line) {}
+  TextValues(std::string_view text, uint64_t first_line, const JobContext& job) : words_(text, first_line, &job) {}
 
   // False if there is no value, or none of that type: Fault says which.
   bool Float(Type, float& value) { return ReadFloat(Next(), value); }

@@ -79,14 +79,11 @@ absl::StatusOr<Primitive> ReadBinary(std::span<const uint8_t> bytes, LoadBudget&
 class AsciiReader {
  public:
   AsciiReader(std::string_view text, LoadBudget& budget, WarningList& warnings)
-      : lines_(text), budget_(budget), warnings_(warnings) {}
+      : lines_(text, budget.job()), budget_(budget), warnings_(warnings) {}
 
   absl::StatusOr<Primitive> Read() {
     while (const std::optional<std::string_view> line = lines_.Next()) {
-      if (lines_.number() % kElementsAStep == 0) {
-        if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
-      }
-      Words words(*line);
+      Words words(*line, &budget_.job());
       for (std::string_view word = words.Next(); !word.empty(); word = words.Next()) {
         if (SameWord(word, "solid") || SameWord(word, "endsolid")) {  // the rest is a name
           if (absl::Status bad = Solid(SameWord(word, "solid")); !bad.ok()) return bad;

@@ -70,6 +70,19 @@ TEST(CostlyPartsTest, TextThatIsNotAllThere) {
   EXPECT_EQ(Find(""), kAll);
 }
 
+TEST(CostlyPartsTest, ReadsABoundedBeginning) {
+  const std::string blanks(kCostlyPartsBytes, '\n'), json = R"({"asset":{"version":"2.0"}})";
+  EXPECT_EQ(Find(json + blanks.substr(0, kCostlyPartsBytes - json.size())), kNone);
+  EXPECT_EQ(Find(json + blanks), kAll);
+  EXPECT_EQ(Find(blanks), kAll) << "it may be any format";
+  EXPECT_EQ(Find(blanks.substr(0, kSniffedBytes)), kNone);
+  EXPECT_EQ(Find(Glb(json + blanks)), kAll);
+  EXPECT_EQ(Find(Glb(json, blanks + "\"images\"")), kNone) << "binary data";
+  EXPECT_EQ(Find("v 0 0 0\n" + blanks), (CostlyParts{.images = true})) << "a library may follow";
+  EXPECT_EQ(Find("v 0 0 0\nv 1 0 0\nmtllib a\n"), (CostlyParts{.images = true}));
+  EXPECT_EQ(Find("v 0 0 0\nv 1 0 0\nv 0 1 0\n"), kNone);
+}
+
 TEST(CostlyPartsTest, WhatIsNoMesh) {
   EXPECT_EQ(Find("something else that is no mesh"), kNone);
 }

@@ -14,6 +14,7 @@
 #include "pipeline/voxelize.h"
 #include "support/counting_memory.h"
 #include "support/meshes/hostile_meshes.h"
+#include "support/meshes/zip_maker.h"
 
 namespace voxelpipe {
 namespace {
@@ -55,6 +56,75 @@ void ExpectCharged(const ByteVector& file, uint64_t least_bytes) {
   const absl::Status refused = LoadAll(job, file);
   EXPECT_EQ(refused.code(), absl::StatusCode::kResourceExhausted) << refused;
   EXPECT_TRUE(LimitErrorOf(refused).has_value()) << refused;
+}
+
+// `head`, then `part` so often, then `tail`.
+std::string Repeated(const std::string& head, const std::string& part, size_t count, const std::string& tail = "") {
+  std::string text = head;
+  text.reserve(head.size() + count * part.size() + tail.size());
+  for (size_t i = 0; i < count; ++i) text += part;
+  return text + tail;
+}
+
+// Stored: what is deflated may not be much larger.
+std::string Package(const std::string& resources) {
+  ZipMaker zip;
+  zip.Add("3D/3dmodel.model", Model3mf(resources, "<item objectid=\"1\"/>"), false);
+  return zip.Bytes();
+}
+
+// Lists that grow to twice their size hold the old one and the new one while their elements move.
+TEST(HostileChargeTest, ListsThatGrowAreRefusedBeforeTheyDo) {
+  constexpr size_t kCount = 300'000;  // soon after the lists grew to 512 Ki
+  const std::string object = "<object id=\"1\">", vertices = "<mesh><vertices>";
+  const std::string vertex = "<vertex x=\"0\" y=\"0\" z=\"0\"/>", one = Repeated(object + vertices, vertex, 3);
+  const std::string mesh =
+      one + "</vertices><triangles><triangle v1=\"0\" v2=\"1\" v3=\"2\"/></triangles></mesh></object>";
+  const std::pair<const char*, std::string> kFiles[] = {
+      {"vertices of OBJ", Repeated("", "v 0 0 0\n", kCount)},
+      {"all lists of OBJ", Repeated("", "v 0 0 0 1 1 1\nvt 0 0\nvn 0 0 1\n", kCount)},
+      {"corners of OBJ", Repeated("v 0 0 0\nf", " 1", kCount)},
+      {"triangles of OBJ", Repeated("v 0 0 0\n", "f 1 1 1\n", kCount)},
+      {"primitives of OBJ", Repeated("v 0 0 0\n", "usemtl a\nf 1 1 1\nusemtl b\nf 1 1 1\n", kCount / 40)},
+      {"facets of STL", Repeated("solid\n",
+                                 "facet normal 0 0 0 outer loop vertex 0 0 0 vertex 0 0 0 vertex 0 0 0 "
+                                 "endloop endfacet\n",
+                                 kCount / 2)},
+      {"corners of PLY", Repeated("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+                                  "property float z\nelement face 1\nproperty list int int vertex_indices\nend_header\n"
+                                  "0 0 0\n" +
+                                      std::to_string(kCount),
+                                  " 0", kCount)},
+      {"triangles of OFF", Repeated("OFF\n1 " + std::to_string(kCount) + " 0\n0 0 0\n", "3 0 0 0\n", kCount)},
+      {"vertices of 3MF",
+       Package(Repeated(object + vertices, vertex, kCount, "</vertices><triangles></triangles></mesh></object>"))},
+      {"triangles of 3MF", Package(Repeated(one + "</vertices><triangles>", "<triangle v1=\"0\" v2=\"1\" v3=\"2\"/>",
+                                            kCount, "</triangles></mesh></object>"))},
+      {"components of 3MF", Package(Repeated(object + "<components>", "<component objectid=\"2\"/>", kCount / 4,
+                                             "</components></object><object id=\"2\">" + mesh.substr(object.size())))}};
+  for (const auto& [name, file] : kFiles) {
+    SCOPED_TRACE(name);
+    std::cout << name << ": ";
+    ExpectCharged(ByteVector(file.begin(), file.end()), 0);
+    // Whatever the limit is, no more than that is taken.
+    for (const uint64_t limit : {6 * kMiB, 14 * kMiB, 30 * kMiB}) {
+      MemoryBudget memory(limit);
+      JobContext job;
+      job.set_memory(&memory);
+      const ByteVector bytes(file.begin(), file.end());
+      const uint64_t before = AllocatedBytes();
+      ResetAllocatedPeak();
+      const absl::Status status = LoadAll(job, bytes);
+      const uint64_t measured = CountsMemory() ? AllocatedPeak() - before : 0;
+      EXPECT_LE(measured, limit + limit / 8 + kMiB) << limit << ": " << status;
+    }
+  }
+}
+
+TEST(HostileChargeTest, NumbersOfJson) {
+  const std::string file =
+      Repeated(R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[],"weights":[0)", ",0", 300'000, "]}]}");
+  ExpectCharged(ByteVector(file.begin(), file.end()), 300'000 * sizeof(double));
 }
 
 TEST(HostileChargeTest, Primitives) {

@@ -1,11 +1,14 @@
 // The memory that a few bytes can need is charged to the job first, and loading stops soon after the job ends.
 #include <algorithm>
 #include <chrono>
+#include <cstring>
 #include <functional>
 #include <iostream>
 #include <string>
+#include <string_view>
 #include <thread>
 
+#include "absl/strings/str_cat.h"
 #include "base/limit_error.h"
 #include "gtest/gtest.h"
 #include "load/decode/image.h"
@@ -13,6 +16,7 @@
 #include "mesh/flatten_job.h"
 #include "support/counting_memory.h"
 #include "support/meshes/hostile_meshes.h"
+#include "support/meshes/zip_maker.h"
 #include "support/slowdown.h"
 
 namespace voxelpipe {
@@ -105,6 +109,86 @@ void ExpectPromptCancel(const ByteVector& file) {
 TEST(HostileTest, CancelReachesJson) {
   ExpectPromptCancel(EmptyObjects(32 * kMiB, "extras"));
   ExpectPromptCancel(EmptyObjects(2 * kMiB, "nodes"));
+}
+
+// `head`, then `part` over and over up to `bytes`, then `tail`.
+ByteVector Repeated(std::string_view head, std::string_view part, uint64_t bytes, std::string_view tail = "") {
+  ByteVector file(head.begin(), head.end());
+  file.reserve(bytes + part.size() + tail.size());
+  while (file.size() < bytes) file.insert(file.end(), part.begin(), part.end());
+  file.insert(file.end(), tail.begin(), tail.end());
+  return file;
+}
+
+// Texts that say nothing, of which telling the format apart takes longest, too.
+TEST(HostileTest, CancelReachesBlankLinesAndComments) {
+  constexpr uint64_t kBytes = 48 * kMiB;
+  ExpectPromptCancel(Repeated("", "\n", kBytes));
+  ExpectPromptCancel(Repeated("", "#\n", kBytes));
+  ExpectPromptCancel(Repeated("", "g\r", kBytes));
+  ExpectPromptCancel(Repeated("OFF\n1 0 0\n0 0 0\n", "\n", kBytes));
+  ExpectPromptCancel(Repeated("ply\nformat ascii 1.0\n", "comment\n", kBytes));
+  ExpectPromptCancel(
+      Repeated("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+               "property float z\nend_header\n",
+               " ", kBytes));
+}
+
+TEST(HostileTest, CancelReachesLongLines) {
+  constexpr uint64_t kBytes = 48 * kMiB;
+  ExpectPromptCancel(Repeated("solid\n", "endloop ", kBytes));
+  ExpectPromptCancel(Repeated("v 0 0 0\nf", " 1", kBytes / 4));
+  ExpectPromptCancel(Repeated("v 0 0 0\n", "\\\n", kBytes));
+  ExpectPromptCancel(Repeated("v 0 0 0\nmtllib data:,newmtl%20a%0Amap_Kd", "%20-bm%20x", kBytes));
+  ExpectPromptCancel(Repeated("v 0 0 0\nmtllib data:,a", " x", kBytes));
+  ExpectPromptCancel(Repeated("OFF\n1 1 0\n0 0 0\n20000000", " 0", kBytes));
+}
+
+TEST(HostileTest, CancelReachesOneFaceOfManyCorners) {
+  constexpr uint32_t kCorners = 40'000'000;
+  std::string head =
+      "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+      "property float z\nelement face 1\nproperty list uint uchar vertex_indices\nend_header\n";
+  head.append(12, '\0');
+  head.append(reinterpret_cast<const char*>(&kCorners), sizeof kCorners);
+  ExpectPromptCancel(Repeated(head, std::string_view("\0", 1), head.size() + kCorners));
+}
+
+TEST(HostileTest, CancelReachesChunksOfNothing) {
+  ByteVector glb =
+      Repeated(std::string_view("glTF\2\0\0\0....\2\0\0\0JSON{}", 22), std::string_view("\0\0\0\0none", 8), 48 * kMiB);
+  const auto length = uint32_t(glb.size());
+  std::memcpy(glb.data() + 8, &length, sizeof length);
+  ExpectPromptCancel(glb);
+}
+
+// Each reference once compared the names of all entries, and each object copied all values of its group.
+TEST(HostileTest, EntriesAndReferencesOf3mfAreNotMultiplied) {
+  constexpr char kMesh[] =
+      "<mesh><vertices><vertex x=\"0\" y=\"0\" z=\"0\"/><vertex x=\"1\" y=\"0\" z=\"0\"/>"
+      "<vertex x=\"0\" y=\"1\" z=\"0\"/></vertices><triangles><triangle v1=\"0\" v2=\"1\" "
+      "v3=\"2\"/></triangles></mesh>";
+  const auto load = [](const std::string& file) {
+    JobContext job;
+    job.set_deadline(JobContext::Clock::now() + std::chrono::seconds(10 * kSlowdown));
+    return LoadSceneFor(job, ByteVector(file.begin(), file.end())).status();
+  };
+  std::string items;
+  for (int i = 0; i < 50'000; ++i) items += "<item objectid=\"1\" path=\"/3D/PART.model\"/>";
+  ZipMaker zip = Package3mf(Model3mf("", items));
+  zip.Add("3D/part.model", Model3mf(absl::StrCat("<object id=\"1\">", kMesh, "</object>"), ""));
+  for (int i = 0; i < 50'000; ++i) zip.Add(std::to_string(i), "", false);
+  EXPECT_TRUE(load(zip.Bytes()).ok());
+
+  std::string resources = "<colorgroup id=\"1\">";
+  for (int i = 0; i < 500'000; ++i) resources += "<color color=\"#123456\"/>";
+  resources += "</colorgroup>";
+  items.clear();
+  for (int i = 2; i < 5000; ++i) {
+    absl::StrAppend(&resources, "<object id=\"", i, "\" pid=\"1\" pindex=\"0\">", kMesh, "</object>");
+    absl::StrAppend(&items, "<item objectid=\"", i, "\"/>");
+  }
+  EXPECT_TRUE(load(Package3mf(Model3mf(resources, items)).Bytes()).ok());
 }
 
 TEST(HostileTest, CancelReachesPrimitivesAndTargets) {

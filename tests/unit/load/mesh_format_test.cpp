@@ -49,6 +49,40 @@ TEST(MeshFormatTest, ABeginningIsEnoughWithTheSize) {
   EXPECT_EQ(SniffMeshFormat(TextBytes(beginning)), std::nullopt);
 }
 
+// The beginning is read wherever a client's call is answered; the rest takes long, and a job.
+TEST(MeshFormatTest, SniffsABoundedBeginning) {
+  const JobContext job;
+  const auto detect = [&](const std::string& text) { return DetectMeshFormat(job, TextBytes(text)).value(); };
+  std::string comments;
+  while (comments.size() <= kSniffedBytes) comments += "# a long header\n";
+  const std::string blanks(kSniffedBytes, '\n'), one_line = "#" + std::string(kSniffedBytes, 'x') + "\n";
+  const std::pair<std::string, MeshFormat> kFiles[] = {
+      {comments + "v 0 0 0\n", MeshFormat::kObj},    {one_line + "v 0 0 0\n", MeshFormat::kObj},
+      {comments + "OFF\n0 0 0\n", MeshFormat::kOff}, {blanks + "{}", MeshFormat::kGltf},
+      {blanks + "solid x\n", MeshFormat::kStl},      {"PK\3\4" + blanks + "3D/", MeshFormat::k3mf}};
+  for (const auto& [text, format] : kFiles) {
+    EXPECT_EQ(SniffMeshFormat(TextBytes(text)), std::nullopt) << Name(format);
+    EXPECT_EQ(detect(text), format);
+  }
+  EXPECT_EQ(detect(comments), MeshFormat::kAuto);
+  EXPECT_EQ(detect(blanks + "vertex"), MeshFormat::kAuto);
+  // A word that the limit cuts counts as none: it would be "v".
+  const std::string cut = std::string(kSniffedBytes - 1, ' ') + "vertex 1 2 3";
+  EXPECT_EQ(SniffMeshFormat(TextBytes(cut)), std::nullopt);
+  EXPECT_EQ(SniffMeshFormat(TextBytes("{\"a\":\"" + std::string(kSniffedBytes, 'x') + "\"}")), MeshFormat::kGltf);
+  EXPECT_EQ(SniffMeshFormat(TextBytes("v 0 0 0\n" + comments)), MeshFormat::kObj);
+  const absl::StatusOr<Scene> scene = LoadText(comments + "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_EQ(scene->format, "obj");
+}
+
+TEST(MeshFormatTest, DetectingEndsWithItsJob) {
+  JobContext job;
+  job.Cancel();
+  EXPECT_EQ(DetectMeshFormat(job, TextBytes(std::string(2 * kSniffedBytes, '\n'))).status(), job.Check());
+  EXPECT_EQ(DetectMeshFormat(job, TextBytes("ply\n")).value(), MeshFormat::kPly) << "shown by the beginning";
+}
+
 TEST(MeshFormatTest, NamesTheFormatOfAnExtension) {
   EXPECT_EQ(MeshFormatOfName("a.b/c.STL"), MeshFormat::kStl);
   EXPECT_EQ(MeshFormatOfName("x.3mf"), MeshFormat::k3mf);

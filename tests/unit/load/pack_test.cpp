@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "absl/strings/str_cat.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "load/loader.h"
@@ -65,6 +66,64 @@ TEST_F(PackTest, SiblingsBecomeOneGlb) {
     EXPECT_EQ(SniffMeshFormat(*packed), MeshFormat::kGlb);
     EXPECT_EQ(Triangles(*packed), 1u);
   }
+}
+
+// A few bytes of JSON could name a file thousands of times, and each was read and packed.
+TEST_F(PackTest, AFileIsPackedOnceHoweverOftenItIsNamed) {
+  const std::string picture(100'000, 'p');
+  Write("model/a.png", picture);
+  std::string images;
+  for (int i = 0; i < 500; ++i)
+    images += absl::StrCat(i == 0 ? "" : ",", R"({"uri":")", i % 2 == 0 ? "./" : "", "a.png\"}");
+  const auto packed = Pack(Gltf("tri.bin", ",\"images\":[" + images + "]"));
+  ASSERT_TRUE(packed.ok()) << packed.status();
+  EXPECT_LT(packed->size(), picture.size() + 64'000);
+  const auto scene = LoadScene(*packed);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  ASSERT_EQ(scene->images.size(), 500u);
+  for (const auto& image : scene->images) ASSERT_EQ(image->encoded.size(), picture.size());
+}
+
+TEST_F(PackTest, ABufferIsPackedOnceHoweverOftenItIsNamed) {
+  Write("model/big.bin", triangle_ + std::string(100'000, 'b'));
+  // Views of the last buffer of each file, each time with another length.
+  std::string buffers = R"({"byteLength":36,"uri":"big.bin"})";
+  for (int i = 0; i < 500; ++i) absl::StrAppend(&buffers, R"(,{"byteLength":)", 40 + i, R"(,"uri":"./big.bin"})");
+  absl::StrAppend(&buffers, R"(,{"uri":"big.bin"})");
+  std::string gltf = Gltf("big.bin");
+  const std::string one = R"("buffers":[{"byteLength":36,"uri":"big.bin"}])";
+  for (const char* view : {"0", "500", "501"}) {
+    std::string text = gltf;
+    text.replace(text.find(one), one.size(), "\"buffers\":[" + buffers + "]");
+    text.replace(text.find("\"buffer\":0"), 10, absl::StrCat("\"buffer\":", view));
+    const auto packed = Pack(text);
+    ASSERT_TRUE(packed.ok()) << packed.status();
+    EXPECT_LT(packed->size(), 2 * 100'000u);
+    EXPECT_EQ(Triangles(*packed), 1u);
+  }
+  gltf.replace(gltf.find(one), one.size(),
+               R"("buffers":[{"byteLength":36,"uri":"big.bin"},{"byteLength":200000,"uri":"big.bin"}])");
+  EXPECT_THAT(std::string(Pack(gltf).status().message()),
+              HasSubstr("buffer 1: byteLength 200000, but its data has 100036 bytes"));
+}
+
+TEST_F(PackTest, FilesThatAreNamedAreChargedAndTheJobIsPolled) {
+  Write("model/big.bin", triangle_ + std::string(1 << 20, 'b'));
+  const std::string gltf = Gltf("big.bin");
+  const auto pack = [&](JobContext& job) {
+    return PackMesh(job, FileBytes(gltf.begin(), gltf.end()), root_ / "model").status();
+  };
+  MemoryBudget little(512 << 10), enough(16 << 20);
+  JobContext job;
+  job.set_memory(&little);
+  EXPECT_EQ(pack(job).code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(little.used_bytes(), 0u);
+  job.set_memory(&enough);
+  EXPECT_TRUE(pack(job).ok());
+  EXPECT_GT(enough.peak_bytes(), uint64_t{1} << 20);
+  EXPECT_EQ(enough.used_bytes(), 0u);
+  job.Cancel();
+  EXPECT_EQ(pack(job).code(), absl::StatusCode::kCancelled);
 }
 
 TEST_F(PackTest, TwoBuffersAreRebased) {

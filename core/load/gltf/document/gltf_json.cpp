@@ -22,7 +22,7 @@ constexpr std::array<std::string_view, 16> kRead = {
     "images",    "materials",  "meshes", "nodes",       "samplers", "scene",      "scenes",
     "skins",     "textures"};
 
-// Bytes of the tree, including the overhead of the allocator and of growing arrays.
+// Bytes of the tree, including the overhead of the allocator. Arrays are charged as they grow.
 constexpr uint64_t kValueBytes = 24, kMemberBytes = 112, kContainerBytes = 72, kStringBytes = 40;
 constexpr uint64_t kChargeStep = 1 << 16;
 constexpr std::ptrdiff_t kPollStep = 1 << 16;  // characters
@@ -109,6 +109,9 @@ class TreeBuilder : public nlohmann::json_sax<Json> {
     return false;
   }
 
+  // Bytes of a value at the current position; those of an array have their place in it.
+  uint64_t ValueBytes() const { return !open_.empty() && open_.back()->is_array() ? 0 : kValueBytes; }
+
   bool Charge(uint64_t bytes) {
     tree_bytes_ += bytes;
     if (tree_bytes_ <= charged_) return true;
@@ -119,6 +122,18 @@ class TreeBuilder : public nlohmann::json_sax<Json> {
     const uint64_t more = std::max(kChargeStep, tree_bytes_ - charged_);
     if (absl::Status full = charge_.Grow(more, "glTF: the JSON:"); !full.ok()) return Fail(std::move(full));
     charged_ += more;
+    return true;
+  }
+
+  // Room for another value in the innermost array. A list that grows does so to twice its size, and is copied then.
+  bool MakeRoom() {
+    if (open_.empty() || !open_.back()->is_array()) return true;
+    auto& array = open_.back()->get_ref<Json::array_t&>();
+    if (array.size() < array.capacity()) return true;
+    const size_t before = array.capacity(), grown = std::max<size_t>(2, 2 * before);
+    if (!Charge(grown * sizeof(Json))) return false;
+    array.reserve(grown);
+    tree_bytes_ -= before * sizeof(Json);
     return true;
   }
 
@@ -140,7 +155,7 @@ class TreeBuilder : public nlohmann::json_sax<Json> {
   template <typename Value>
   bool Scalar(Value&& value, uint64_t bytes) {
     if (skipped_ > 0 || std::exchange(skip_next_, false)) return true;
-    if (!Charge(kValueBytes + bytes)) return false;
+    if (!Charge(ValueBytes() + bytes) || !MakeRoom()) return false;
     Add(Json(std::forward<Value>(value)));
     return true;
   }
@@ -150,7 +165,7 @@ class TreeBuilder : public nlohmann::json_sax<Json> {
       ++skipped_;
       return true;
     }
-    if (!Charge(kValueBytes + kContainerBytes)) return false;
+    if (!Charge(ValueBytes() + kContainerBytes) || !MakeRoom()) return false;
     open_.push_back(Add(Json(type)));
     return true;
   }

@@ -1,6 +1,7 @@
 // Material libraries and textures: as data: URIs in the loader, as files in the packer.
 #include "load/obj/materials.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 
@@ -158,6 +159,44 @@ TEST_F(PackObjTest, PutsLibrariesAndTexturesIn) {
     EXPECT_GE(scene->materials[1].emissive.texture, 0);
     EXPECT_EQ(packed.substr(packed.size() - 40), absl::StrCat(kFace, "usemtl b\n", kFace).substr(5));
   }
+}
+
+// A few bytes of a file could name a library thousands of times, and each was read and packed.
+TEST_F(PackObjTest, ALibraryIsPackedOnceHoweverOftenItIsNamed) {
+  Write("model/b.mtl", "newmtl other\n");
+  std::string text;
+  for (int i = 0; i < 200; ++i) text += i % 2 == 0 ? "mtllib parts/all.mtl\n" : "mtllib b.mtl ./parts/all.mtl\n";
+  const std::string packed = Pack(text + kQuad + "usemtl a\n" + kFace);
+  EXPECT_EQ(std::count(packed.begin(), packed.end(), '\n'), 200 + 8 + 1 + 1);
+  size_t libraries = 0;
+  for (size_t at = packed.find("data:model/mtl"); at != std::string::npos; at = packed.find("data:model/mtl", at + 1)) {
+    ++libraries;
+  }
+  EXPECT_EQ(libraries, 2u);
+  EXPECT_THAT(packed, HasSubstr("\nmtllib\nmtllib\n"));
+  const absl::StatusOr<Scene> scene = LoadText(packed);
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_THAT(scene->warnings.kept(), IsEmpty());
+  EXPECT_EQ(scene->materials.size(), 3u);
+  EXPECT_EQ(scene->images.size(), 1u);
+}
+
+TEST_F(PackObjTest, FilesThatAreNamedAreChargedAndTheJobIsPolled) {
+  Write("model/big.mtl", std::string(1 << 20, '#'));
+  const std::string text = std::string("mtllib big.mtl\n") + kQuad;
+  const auto pack = [&](JobContext& job) {
+    return PackMesh(job, FileBytes(text.begin(), text.end()), root_ / "model").status();
+  };
+  MemoryBudget little(512 << 10), enough(16 << 20);
+  JobContext job;
+  job.set_memory(&little);
+  EXPECT_EQ(pack(job).code(), absl::StatusCode::kResourceExhausted);
+  EXPECT_EQ(little.used_bytes(), 0u);
+  job.set_memory(&enough);
+  EXPECT_TRUE(pack(job).ok());
+  EXPECT_EQ(enough.used_bytes(), 0u);
+  job.Cancel();
+  EXPECT_EQ(pack(job).code(), absl::StatusCode::kCancelled);
 }
 
 TEST_F(PackObjTest, SeveralLibrariesInOneStatement) {
