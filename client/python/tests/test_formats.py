@@ -42,6 +42,15 @@ def test_an_obj_takes_its_libraries_and_textures_along(tmp_path: pathlib.Path) -
     assert rest.decode() == f"usemtl a\n{OBJ}"
 
 
+def test_a_library_is_packed_once_however_often_it_is_named(tmp_path: pathlib.Path) -> None:
+    path = write_model(tmp_path / "m")
+    (tmp_path / "m/b.mtl").write_text("newmtl b\n")
+    path.write_text("mtllib parts/all.mtl\nmtllib b.mtl ./parts/all.mtl\nmtllib b.mtl\n" * 100 + OBJ)
+    data = bytes(load_mesh(path).data)
+    assert data.count(b"data:model/mtl") == 2
+    assert data.endswith(b"mtllib\n" + OBJ.encode())
+
+
 @pytest.mark.parametrize("library", ["none.mtl", "/etc/passwd", "C:\\all.mtl", "http://example.org/all.mtl"])
 def test_a_missing_library_stays_a_name(tmp_path: pathlib.Path, library: str) -> None:
     path = write_model(tmp_path / "m", library)

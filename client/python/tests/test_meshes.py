@@ -192,6 +192,30 @@ def test_a_gltf_is_packed_with_its_files(tmp_path: pathlib.Path) -> None:
     assert document["images"][0]["mimeType"] == "image/png"
 
 
+def test_a_file_is_packed_once_however_often_it_is_named(tmp_path: pathlib.Path) -> None:
+    path = write_gltf(tmp_path, "a%20b.bin", "picture.png")
+    (tmp_path / "picture.png").write_bytes(b"\x89PNG" + bytes(10_000))
+    document = json.loads(path.read_text())
+    document["images"] = [{"uri": "picture.png"}, {"uri": "./picture.png"}] * 100
+    # The last one, of all of the file, is read.
+    whole = document["buffers"][1]
+    (tmp_path / "a b.bin").write_bytes((tmp_path / "a b.bin").read_bytes() + bytes(10_000))
+    document["buffers"] += [{**whole, "byteLength": whole["byteLength"] + i} for i in range(100)]
+    document["buffers"].append({"uri": "a%20b.bin"})
+    for view in document["bufferViews"]:
+        view["buffer"] = len(document["buffers"]) - 1
+    path.write_text(json.dumps(document))
+    data = load_mesh(path).data
+    assert len(data) < 60_000
+    packed, binary = read_glb(data)
+    assert len({image["bufferView"] for image in packed["images"]}) == 1
+    assert len(packed["images"]) == 200 and not any("uri" in image for image in packed["images"])
+    view = packed["bufferViews"][packed["images"][199]["bufferView"]]
+    assert binary[view["byteOffset"] :][: view["byteLength"]] == b"\x89PNG" + bytes(10_000)
+    positions, _ = arrays_in(data)
+    assert numpy.array_equal(positions, VERTICES.astype("f4"))
+
+
 def test_a_missing_image_stays_a_name_and_a_missing_buffer_is_an_error(tmp_path: pathlib.Path) -> None:
     document, _ = read_glb(load_mesh(write_gltf(tmp_path, "a%20b.bin", "none.png")).data)
     assert document["images"] == [{"uri": "none.png"}]

@@ -92,6 +92,7 @@ class _Packer:
         self._allow_outside = allow_outside
         self.parts: list[bytes] = []
         self.size = 0
+        self._merged: dict[pathlib.Path, tuple[int, int, int]] = {}  # files of buffers: offset, bytes there, bytes
 
     def take_buffers(self, document: dict[str, Any], binary: bytes | None) -> None:
         """Merges the buffers that are files, and the BIN chunk, into buffer 0; the others follow it."""
@@ -101,7 +102,7 @@ class _Packer:
         for i, buffer in enumerate(_objects(document, "buffers")):
             uri = _file_uri(buffer)
             if uri is not None:
-                merged[i] = self._add(self._bytes_of(buffer, uri, f"buffer {i}"))
+                merged[i] = self._add_buffer(buffer, uri, f"buffer {i}")
             elif i == 0 and binary is not None and "uri" not in buffer:
                 merged[i] = self._add(binary)
             else:
@@ -122,39 +123,61 @@ class _Packer:
                 elif old in moved:
                     place["buffer"] = moved[old]
 
-    def read_images(self, document: dict[str, Any]) -> dict[int, bytes]:
-        """The bytes of the images that are files; those that cannot or may not be read are left out."""
-        images: dict[int, bytes] = {}
+    def read_images(self, document: dict[str, Any]) -> dict[str, tuple[pathlib.Path, bytes]]:
+        """The files of the images, by URI; those that cannot or may not be read are left out."""
+        images: dict[str, tuple[pathlib.Path, bytes]] = {}
+        files: dict[pathlib.Path, bytes | None] = {}
         for i, image in enumerate(_objects(document, "images")):
             uri = _file_uri(image)
+            if uri is None or uri in images:
+                continue
             try:
-                if uri is not None:
-                    images[i] = self._path_of(uri, f"image {i}").read_bytes()
+                path = self._path_of(uri, f"image {i}")
+                if path not in files:
+                    files[path] = None
+                    files[path] = path.read_bytes()
             except (OSError, InvalidMesh):
                 continue
+            if (data := files[path]) is not None:
+                images[uri] = (path, data)
         return images
 
-    def take_images(self, document: dict[str, Any], images: dict[int, bytes]) -> None:
-        """Puts images that are files into buffer 0."""
-        for i, data in images.items():
-            image = _objects(document, "images")[i]
-            view = {"buffer": 0, "byteOffset": self._add(data), "byteLength": len(data)}
-            views = document.setdefault("bufferViews", [])
-            views.append(view)
+    def take_images(self, document: dict[str, Any], images: dict[str, tuple[pathlib.Path, bytes]]) -> None:
+        """Puts images that are files into buffer 0, each file once."""
+        places: dict[pathlib.Path, int] = {}  # their buffer views
+        for image in _objects(document, "images"):
+            uri = _file_uri(image)
+            if uri is None or uri not in images:
+                continue
+            path, data = images[uri]
+            if path not in places:
+                views = document.setdefault("bufferViews", [])
+                places[path] = len(views)
+                views.append({"buffer": 0, "byteOffset": self._add(data), "byteLength": len(data)})
             del image["uri"]
-            image["bufferView"] = len(views) - 1
+            image["bufferView"] = places[path]
             image["mimeType"] = next((kind for magic, kind in _IMAGES if data.startswith(magic)), "image/png")
 
-    def _bytes_of(self, buffer: dict[str, Any], uri: str, place: str) -> bytes:
+    def _add_buffer(self, buffer: dict[str, Any], uri: str, place: str) -> int:
+        """The offset at which the bytes of a buffer's file lie in buffer 0."""
         path = self._path_of(uri, place)
+        length = buffer.get("byteLength")
+        known = self._merged.get(path)
+        if known is not None:
+            offset, there, size = known
+            if (length if isinstance(length, int) else size) <= there:
+                return offset
         try:
             data = path.read_bytes()
         except OSError as error:
             raise InvalidMesh(f"{place}: URI '{uri}': {error.strerror}", field=place) from error
-        length = buffer.get("byteLength")
         if isinstance(length, int) and length > len(data):
             raise InvalidMesh(f"{place}: '{uri}' has {len(data)} bytes, and byteLength is {length}", field=place)
-        return data[:length] if isinstance(length, int) else data
+        # A second, longer part of a file brings all of it: there is no third.
+        part = data[:length] if isinstance(length, int) and known is None else data
+        offset = self._add(part)
+        self._merged[path] = (offset, len(part), len(data))
+        return offset
 
     def _add(self, data: bytes) -> int:
         """The offset at which the bytes lie in buffer 0."""

@@ -38,7 +38,8 @@ def pack(data: bytes | memoryview, path: pathlib.Path, allow_outside: bool) -> b
     """The same file with those files in it. In: the file's bytes and path.
 
     Only files inside the folder of `path`, links resolved, are read, unless allow_outside. What is missing, or lies
-    elsewhere, stays a name, of which the server warns. A texture is written once, with its name.
+    elsewhere, stays a name, of which the server warns. A texture is written once, with its name; a library where it is
+    named first, and it is left out of later statements.
     """
     packer = _Packer(path.parent, allow_outside)
     return b"".join(packer.line(line) for line in _lines(bytes(data)))
@@ -84,6 +85,8 @@ class _Packer:
     def __init__(self, folder: pathlib.Path, allow_outside: bool) -> None:
         self._folder = folder
         self._allow_outside = allow_outside
+        self._paths: dict[tuple[bytes, pathlib.PurePosixPath], pathlib.Path | None] = {}
+        self._libraries: set[pathlib.Path] = set()  # those written
         self._images: dict[pathlib.Path, bytes] = {}  # those written, and their names
         self._names: set[bytes] = set()
 
@@ -94,17 +97,23 @@ class _Packer:
             return line
         packed = self._library(names)
         if packed is None:
-            packed = b" ".join(self._library(name) or name for name in names.split())
+            libraries = [(name, self._library(name)) for name in names.split()]
+            packed = b"".join(b" " + name if library is None else library for name, library in libraries)
         end = line[len(line.rstrip(b"\r\n")) :]
-        return b"mtllib " + packed + end
+        return b"mtllib" + packed + end
 
     def _library(self, name: bytes) -> bytes | None:
-        found = self._read(name, pathlib.PurePosixPath())
-        if found is None:
+        """A space and the library's data: URI, nothing if it is written already; None if it cannot be read."""
+        path = self._path(name, pathlib.PurePosixPath())
+        if path in self._libraries:
+            return b""
+        data = self._read(name, pathlib.PurePosixPath())
+        if path is None or data is None:
             return None
+        self._libraries.add(path)
         folder = pathlib.PurePosixPath(_text(name)).parent
-        parts = [b"data:model/mtl;name=", _escape(name), b","]
-        for line in _lines(found[1]):
+        parts = [b" data:model/mtl;name=", _escape(name), b","]
+        for line in _lines(data):
             words = line.split(None, 1)
             image = None
             if len(words) == 2 and words[0].lower() in (b"map_kd", b"map_ke"):
@@ -120,12 +129,12 @@ class _Packer:
         """What names a texture in the library: a data: URI at first, then its name there."""
         if not name or name[:5].lower() == b"data:":
             return None
-        found = self._read(name, folder)
-        if found is None:
-            return None
-        path, data = found
+        path = self._path(name, folder)
         if path in self._images:
             return _escape(self._images[path])
+        data = self._read(name, folder)
+        if path is None or data is None:
+            return None
         unique = name if name not in self._names else name + b"#%d" % len(self._images)
         self._names.add(name)
         self._images[path] = unique
@@ -134,23 +143,38 @@ class _Packer:
         # The library is escaped as a whole, so what is escaped in it is escaped twice.
         return b"data:" + kind.encode() + _escape(head) + base64.b64encode(data)
 
-    def _read(self, name: bytes, folder: pathlib.PurePosixPath) -> tuple[pathlib.Path, bytes] | None:
+    def _path(self, name: bytes, folder: pathlib.PurePosixPath) -> pathlib.Path | None:
+        """The path of a file that may be read; None if there is none."""
+        if (name, folder) not in self._paths:
+            self._paths[name, folder] = self._find(name, folder)
+        return self._paths[name, folder]
+
+    def _find(self, name: bytes, folder: pathlib.PurePosixPath) -> pathlib.Path | None:
         text = _text(name)
         if text.startswith("/") or text[1:2] == ":" or "\0" in text:
             return None
         root = self._folder.resolve()
         try:
             path = (root / folder / text).resolve()
-            if os.path.commonpath([root, path]) != str(root) and not self._allow_outside:
-                if path.exists():
-                    shown = name.decode(errors="replace")
-                    raise InvalidMesh(
-                        f"the file '{shown}' lies outside of the OBJ file's folder; allow_outside=True reads it",
-                        field="mesh",
-                    )
-                return None
-            return path, path.read_bytes()
+            if self._allow_outside or os.path.commonpath([root, path]) == str(root):
+                return path
+            if path.exists():
+                shown = name.decode(errors="replace")
+                raise InvalidMesh(
+                    f"the file '{shown}' lies outside of the OBJ file's folder; allow_outside=True reads it",
+                    field="mesh",
+                )
+            return None
         except OSError:
+            return None
+
+    def _read(self, name: bytes, folder: pathlib.PurePosixPath) -> bytes | None:
+        """The bytes of a file; None if it cannot be read, then the name leads to no file from now on."""
+        path = self._path(name, folder)
+        try:
+            return path.read_bytes() if path is not None else None
+        except OSError:
+            self._paths[name, folder] = None
             return None
 
 
