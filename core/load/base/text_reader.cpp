@@ -10,6 +10,7 @@
 namespace voxelpipe {
 namespace {
 
+constexpr std::ptrdiff_t kBytesAStep = 1 << 20;  // in search of the end of a line, between two polls of the job
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
 constexpr auto IsBlank = [](char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f'; };
@@ -23,12 +24,6 @@ std::string_view WithoutPlus(std::string_view word) {
   return word;
 }
 
-const char* Find(const char* from, const char* end, char c) {
-  if (from == end) return end;
-  const void* const found = std::memchr(from, c, size_t(end - from));
-  return found == nullptr ? end : static_cast<const char*>(found);
-}
-
 }  // namespace
 
 bool TextPlace::GoOn() {
@@ -37,7 +32,19 @@ bool TextPlace::GoOn() {
   return at_ < end_;
 }
 
-TextLines::TextLines(std::string_view text, const JobContext& job) : begin_(text.data()), place_(text, &job) {
+const char* TextLines::Find(const char* from, const char* end, char c) const {
+  while (from != end) {
+    const char* const stop = end - from < kBytesAStep ? end : from + kBytesAStep;
+    const void* const found = std::memchr(from, c, size_t(stop - from));
+    if (found != nullptr) return static_cast<const char*>(found);
+    from = stop;
+    if (from != end && !job_.Check().ok()) break;
+  }
+  return end;
+}
+
+TextLines::TextLines(std::string_view text, const JobContext& job)
+    : begin_(text.data()), job_(job), place_(text, &job) {
   if (text.substr(0, kByteOrderMark.size()) == kByteOrderMark) place_.Skip(kByteOrderMark.size());
   line_feed_ = Find(place_.at(), begin_ + text.size(), '\n');
 }
@@ -52,6 +59,7 @@ std::optional<std::string_view> TextLines::Next() {
   const bool pair = end < line_feed_ && end + 1 == line_feed_ && line_feed_ < text_end;  // "\r\n"
   const size_t line_end = end == text_end ? 0 : pair ? 2 : 1;
   place_.Skip(size_t(end - at) + line_end);
+  if (end - at >= kBytesAStep && !job_.Check().ok()) return std::nullopt;  // its end may not have been found
   return std::string_view(at, size_t(end - at));
 }
 

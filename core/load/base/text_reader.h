@@ -76,7 +76,11 @@ class TextLines {
   size_t at() const { return size_t(place_.at() - begin_); }
 
  private:
+  // The first such character, or the end. In steps: a line may be as long as the text.
+  const char* Find(const char* from, const char* end, char c) const;
+
   const char* const begin_;
+  const JobContext& job_;
   TextPlace place_;
   const char* line_feed_;  // the first "\n" at or behind the place, searched once, so that a text without stays linear
   uint64_t number_ = 0;

@@ -100,6 +100,15 @@ TEST(TextPollTest, ALineEndsWithItsJob) {
   EXPECT_EQ(Words(blanks).Rest(), "behind");
 }
 
+TEST(TextPollTest, ALineThatIsTheTextEndsWithItsJob) {
+  JobContext job;
+  const std::string line(4 << 20, '#');
+  EXPECT_THAT(LinesOf(line + "\nb"), ElementsAre(line, "b"));
+  job.Cancel();
+  EXPECT_FALSE(TextLines(line, job).Next().has_value());
+  EXPECT_FALSE(TextLines(line + "\nb", job).Next().has_value());
+}
+
 TEST(TextPollTest, ASearchEndsWithItsJob) {
   const std::string part = "mtllib";
   constexpr size_t kStep = 1 << 20;
