@@ -28,7 +28,10 @@ class TextPlace {
   template <typename Test>
   void SkipWhile(Test test) {
     do {
-      while (at_ != look_ && test(*at_)) ++at_;
+      const char* at = at_;  // a local variable, which stays in a register
+      const char* const look = look_;
+      while (at != look && test(*at)) ++at;
+      at_ = at;
     } while (at_ == look_ && look_ != end_ && GoOn());
   }
   // Takes the end of the text back while `test` is true of the last character.
