@@ -22,6 +22,8 @@ constexpr auto kExpanded = [] {
   return table;
 }();
 
+constexpr size_t kPieceBytes = size_t{512} << 10;  // of bits
+
 }  // namespace
 
 std::string NpyHeader(std::string_view descr, const std::vector<uint64_t>& shape) {
@@ -63,9 +65,12 @@ uint64_t NpyBytes(ElementType type, uint64_t count) {
   return type == ElementType::kBit ? count : ArrayBytes(type, count);
 }
 
+uint64_t NpyElements::MemoryBytes(ElementType type, uint64_t count) {
+  return type == ElementType::kBit ? std::min<uint64_t>(count + 8, kPieceBytes * 8) : 0;
+}
+
 absl::Status NpyElements::Write(std::span<const uint8_t> bytes, const Output& out) {
   if (type_ != ElementType::kBit) return out(bytes);
-  constexpr size_t kPieceBytes = size_t{512} << 10;  // of bits
   for (size_t begin = 0; begin < bytes.size(); begin += kPieceBytes) {
     const std::span<const uint8_t> piece = bytes.subspan(begin, std::min(kPieceBytes, bytes.size() - begin));
     expanded_.resize(piece.size() * 8);

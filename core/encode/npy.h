@@ -28,6 +28,8 @@ uint64_t NpyBytes(ElementType type, uint64_t count);
 class NpyElements {
  public:
   NpyElements(ElementType type, uint64_t count) : type_(type), left_(count) {}
+  // The most memory that conversion takes.
+  static uint64_t MemoryBytes(ElementType type, uint64_t count);
 
   using Output = std::function<absl::Status(std::span<const uint8_t>)>;
   // `bytes` are the next ones of the array; padding bits after its end are dropped.

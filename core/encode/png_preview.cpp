@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "encode/atomic_file.h"
 #include "encode/preview/preview_canvas.h"
+#include "encode/preview/preview_cells.h"
 #include "encode/preview/preview_colour.h"
 #include "encode/preview/preview_shade.h"
 #include "encode/preview/preview_slice.h"
@@ -17,19 +18,29 @@ namespace {
 absl::StatusOr<Picture> Draw(const VoxelizeResult& result, const PreviewOptions& options, const JobContext* job) {
   absl::StatusOr<PreviewVolume> volume = PreviewVolume::Build(result, job);
   if (!volume.ok()) return volume.status();
-  const PreviewColours colours(result, *volume);
+  const absl::StatusOr<PreviewCells> cells = PreviewCells::Build(*volume, job);
+  if (!cells.ok()) return cells.status();
+  const uint64_t pixels = uint64_t(options.width) * uint64_t(options.height);
+  MemoryCharge memory(&MemoryOf(job));
+  absl::Status status = memory.Grow(pixels, sizeof(Vec3f) + 3, "a picture:");  // the canvas and the result
+  if (status.ok()) status = memory.Grow(PreviewItems::MemoryBytes(result), "an index of voxels:");
+  if (!status.ok()) return status;
+  const PreviewColours colours(result, *volume, job);
+  if (status = CheckJob(job); !status.ok()) return status;
   Canvas canvas(options.width, options.height, FromSrgb(0xe9edf1));
 
   // The view takes the left three quarters, the slices a column at the right.
   const int column = options.width / 4;
   const PixelRect view{0, 0, options.width - column, options.height};
-  if (!volume->empty()) {
-    const absl::Status status =
-        DrawView(*volume, colours, result.grid, options.view, view, options.samples, job, canvas);
+  if (!cells->empty()) {
+    status = DrawView(*cells, colours, result.grid, options.view, view, options.samples, job, canvas);
     if (!status.ok()) return status;
   }
-  DrawSlices(*volume, colours, result.grid, {view.width, 0, column, options.height}, canvas);
-  return canvas.ToPicture();
+  status = DrawSlices(*volume, colours, result.grid, {view.width, 0, column, options.height}, job, canvas);
+  if (!status.ok()) return status;
+  Picture picture = canvas.ToPicture(job);
+  if (status = CheckJob(job); !status.ok()) return status;
+  return picture;
 }
 
 }  // namespace
@@ -60,7 +71,10 @@ absl::Status WritePreview(const VoxelizeResult& result, const std::string& path,
   const absl::StatusOr<Picture> picture = RenderPreview(result, options, job);
   if (!picture.ok()) return picture.status();
   try {
-    const absl::StatusOr<std::vector<uint8_t>> png = EncodePng(*picture);
+    MemoryCharge memory(&MemoryOf(job));
+    const uint64_t bytes = picture->rgb.size() + PngMemoryBytes(picture->width, picture->height);
+    if (absl::Status status = memory.Grow(bytes, "a picture:"); !status.ok()) return status;
+    const absl::StatusOr<std::vector<uint8_t>> png = EncodePng(*picture, job);
     if (!png.ok()) return png.status();
     if (absl::Status status = file->Write(*png, job); !status.ok()) return status;
   } catch (const std::bad_alloc&) {

@@ -25,7 +25,7 @@ absl::Status WritePictureToStandardOutput(const VoxelizeResult& result, const Pr
                                           const JobContext& job) {
   const absl::StatusOr<Picture> picture = RenderPreview(result, options, &job);
   if (!picture.ok()) return picture.status();
-  const absl::StatusOr<std::vector<uint8_t>> png = EncodePng(*picture);
+  const absl::StatusOr<std::vector<uint8_t>> png = EncodePng(*picture, &job);
   if (!png.ok()) return png.status();
   absl::StatusOr<AtomicFile> file = AtomicFile::StandardOutput();
   if (!file.ok()) return file.status();

@@ -1,19 +1,17 @@
 #include "encode/drawn/exposed_faces.h"
 
-#include <tbb/parallel_for.h>
-
-#include <vector>
+#include <limits>
 
 namespace voxelpipe {
 
-uint64_t CountFaces(const PreviewVolume& volume) {
-  std::vector<uint64_t> layers(size_t(volume.dims()[2]));
-  tbb::parallel_for(int64_t{0}, volume.dims()[2], [&](int64_t k) {
-    VisitFaces(volume, k, [&](int64_t, int64_t, uint64_t, int) { ++layers[size_t(k)]; });
+absl::StatusOr<FaceCount> CountFaces(const PreviewVolume& volume, const JobContext* job) {
+  return SumOfLayers<FaceCount>(volume, job, [&](int64_t k, JobPoll& poll, FaceCount& sum) {
+    uint64_t last = std::numeric_limits<uint64_t>::max();
+    return VisitFaces(volume, k, poll, [&](int64_t, int64_t, uint64_t n, int) {
+      ++sum.faces;
+      sum.voxels += std::exchange(last, n) != n ? 1 : 0;
+    });
   });
-  uint64_t faces = 0;
-  for (const uint64_t count : layers) faces += count;
-  return faces;
 }
 
 }  // namespace voxelpipe

@@ -2,8 +2,10 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstdint>
 
+#include "absl/status/statusor.h"
 #include "encode/drawn/whole_file.h"
 
 namespace voxelpipe {
@@ -21,30 +23,34 @@ inline constexpr std::array<std::array<std::array<int, 3>, 4>, kSides> kSideCorn
     {{{0, 0, 1}, {1, 0, 1}, {1, 1, 1}, {0, 1, 1}}},
 }};
 
-// Number of exposed faces.
-uint64_t CountFaces(const PreviewVolume& volume);
+struct FaceCount {
+  uint64_t faces = 0, voxels = 0;  // exposed faces, and the voxels that have some
 
-// Calls visit(i, j, n, side) for the exposed faces of layer k, voxel after voxel in linear order.
+  friend FaceCount operator+(const FaceCount& a, const FaceCount& b) {
+    return {a.faces + b.faces, a.voxels + b.voxels};
+  }
+};
+
+// `job` may be null. Errors: the job's.
+absl::StatusOr<FaceCount> CountFaces(const PreviewVolume& volume, const JobContext* job);
+
+// Calls visit(i, j, n, side) for the exposed faces of layer k, voxel after voxel in linear order. Errors: the job's.
 template <typename Visit>
-void VisitFaces(const PreviewVolume& volume, int64_t k, const Visit& visit) {
-  const auto& dims = volume.dims();
-  for (int64_t j = 0; j < dims[1]; ++j) {
-    for (int64_t i = 0; i < dims[0]; i += 32) {
-      const uint32_t solid = volume.Row(i, j, k, 32);
-      if (solid == 0) continue;
-      const std::array<uint32_t, kSides> covered = {volume.Row(i - 1, j, k, 32), volume.Row(i + 1, j, k, 32),
-                                                    volume.Row(i, j - 1, k, 32), volume.Row(i, j + 1, k, 32),
-                                                    volume.Row(i, j, k - 1, 32), volume.Row(i, j, k + 1, 32)};
-      uint32_t all = ~0u;
-      for (const uint32_t word : covered) all &= word;
-      for (uint32_t word = solid & ~all; word != 0; word &= word - 1) {
-        const int bit = __builtin_ctz(word);
-        for (int side = 0; side < kSides; ++side) {
-          if (((covered[size_t(side)] >> bit) & 1) == 0) visit(i + bit, j, volume.Linear(i + bit, j, k), side);
-        }
+absl::Status VisitFaces(const PreviewVolume& volume, int64_t k, JobPoll& poll, const Visit& visit) {
+  const int width = volume.word_voxels();
+  return volume.VisitRows(k, poll, [&](int64_t i, int64_t j, uint32_t solid) {
+    const std::array<uint32_t, kSides> covered = {volume.Row(i - 1, j, k, width), volume.Row(i + 1, j, k, width),
+                                                  volume.Row(i, j - 1, k, width), volume.Row(i, j + 1, k, width),
+                                                  volume.Row(i, j, k - 1, width), volume.Row(i, j, k + 1, width)};
+    uint32_t all = ~0u;
+    for (const uint32_t word : covered) all &= word;
+    for (uint32_t word = solid & ~all; word != 0; word &= word - 1) {
+      const int bit = std::countr_zero(word);
+      for (int side = 0; side < kSides; ++side) {
+        if (((covered[size_t(side)] >> bit) & 1) == 0) visit(i + bit, j, volume.Linear(i + bit, j, k), side);
       }
     }
-  }
+  });
 }
 
 }  // namespace voxelpipe

@@ -41,46 +41,61 @@ uint64_t BitsOf(const Colour& colour) {
 // Corners of faces that are equal in place and colour become one vertex.
 class Surface {
  public:
-  explicit Surface(const DrawnResult& drawn) : drawn_(drawn), coloured_(drawn.colours.has_colours()) {}
+  Surface(const DrawnResult& drawn, const JobContext* job)
+      : drawn_(drawn),
+        job_(job),
+        coloured_(drawn.colours.has_colours()),
+        vertices_(MemoryOf(job), sizeof(Position) + (coloured_ ? sizeof(Colour) : 0), "a surface:"),
+        table_(MemoryOf(job), TableEntryBytes(sizeof(Key) + sizeof(uint64_t)), "the corners of a surface:") {}
 
   // All exposed faces. RESOURCE_EXHAUSTED as soon as the file would have more bytes than its header can count.
-  absl::Status AddFaces(const JobContext* job) {
+  absl::Status AddFaces() {
+    const absl::StatusOr<FaceCount> count = CountFaces(drawn_.volume, job_);
+    if (!count.ok()) return count.status();
+    if (absl::Status s = ReserveFaces(count->faces); !s.ok()) return s;
     const int64_t layers = drawn_.volume.dims()[2];
-    for (int64_t k = 0; k < layers; ++k) {
-      if (job != nullptr) {
-        if (absl::Status s = job->Check(); !s.ok()) return s;
-      }
-      VisitFaces(drawn_.volume, k, [&](int64_t i, int64_t j, uint64_t n, int side) {
+    JobPoll poll(job_);
+    for (int64_t layer = 0; layer < drawn_.volume.layers(); ++layer) {
+      const int64_t k = drawn_.volume.Layer(layer);
+      ForgetBelow(k);
+      const absl::Status s = VisitFaces(drawn_.volume, k, poll, [&](int64_t i, int64_t j, uint64_t n, int side) {
+        if (!status_.ok()) return;
         AddRectangle({i, j, k}, {i, j, k}, side, ColourAt(n));
+        if (bytes() <= kMaxFileBytes || !status_.ok()) return;
+        status_ = absl::ResourceExhaustedError(
+            absl::StrCat(".glb counts bytes in 32 bits: in layer ", k + 1, " of ", layers, " the surface has ", bytes(),
+                         ", more than ", kMaxFileBytes, "; a lower resolution fits, or .ply, .npz and .nvdb"));
       });
-      if (bytes() > kMaxFileBytes) {
-        return absl::ResourceExhaustedError(
-            absl::StrCat(".glb counts bytes in 32 bits: after ", k + 1, " of ", layers, " layers the surface has ",
-                         bytes(), ", more than ", kMaxFileBytes, "; a lower resolution fits, or .ply, .npz and .nvdb"));
-      }
-      corners_.erase(k);  // no later layer has them
+      if (!s.ok()) return s;
+      if (!status_.ok()) return status_;
     }
     return absl::OkStatus();
   }
 
   // The same faces, merged.
-  absl::Status AddMergedFaces(const JobContext* job) {
+  absl::Status AddMergedFaces() {
+    MemoryCharge list(&MemoryOf(job_));
     const auto colour_of = [&](uint64_t n) { return BitsOf(ColourAt(n)); };
-    const absl::StatusOr<std::vector<MergedFace>> faces = MergeFaces(drawn_.volume, colour_of, job);
+    const absl::StatusOr<std::vector<MergedFace>> faces = MergeFaces(drawn_.volume, colour_of, job_, list);
     if (!faces.ok()) return faces.status();
+    if (absl::Status s = ReserveFaces(faces->size()); !s.ok()) return s;
+    JobPoll poll(job_);
     for (const MergedFace& face : *faces) {
       Colour colour;
       std::memcpy(colour.data(), &face.colour, sizeof colour);
       AddRectangle(face.low, face.high, face.side, colour);
+      if (!status_.ok()) return status_;
+      if (absl::Status s = poll.Add(1); !s.ok()) return s;
     }
     return absl::OkStatus();
   }
 
   uint64_t bytes() const {
-    return positions.size() * sizeof(float) + colours.size() * sizeof(Colour) + indices.size() * sizeof(uint32_t);
+    return positions.size() * sizeof(Position) + colours.size() * sizeof(Colour) + indices.size() * sizeof(uint32_t);
   }
 
-  std::vector<float> positions;
+  using Position = std::array<float, 3>;
+  std::vector<Position> positions;
   std::vector<Colour> colours;  // empty if all voxels have one
   std::vector<uint32_t> indices;
   std::array<float, 3> low, high;
@@ -91,16 +106,39 @@ class Surface {
 
   Colour ColourAt(uint64_t n) const { return coloured_ ? ColourOf(drawn_.colours.At(n)) : Colour{}; }
 
+  absl::Status ReserveFaces(uint64_t faces) {
+    constexpr uint64_t kFaceIndices = 6;
+    const uint64_t most = kMaxFileBytes / sizeof(uint32_t) + kFaceIndices;
+    const uint64_t count = std::min(faces * kFaceIndices, most);
+    if (absl::Status s = drawn_.memory.Grow(count, sizeof(uint32_t), "a surface:"); !s.ok()) return s;
+    indices.reserve(count);
+    return absl::OkStatus();
+  }
+
+  // No later layer has corners below z.
+  void ForgetBelow(int64_t z) {
+    absl::erase_if(corners_, [&](const auto& entry) {
+      if (entry.first >= z) return false;
+      table_entries_ -= entry.second.size();
+      return true;
+    });
+  }
+
   // A side of the voxels from `first` to `last`, both included.
   void AddRectangle(const std::array<int64_t, 3>& first, const std::array<int64_t, 3>& last, int side,
                     const Colour& colour) {
+    // Memory for four more vertices.
+    status_ = vertices_.Reach(positions.size() + 4, positions);
+    if (status_.ok()) status_ = table_.Reach(table_entries_ + 4);
+    if (!status_.ok()) return;
+    if (coloured_) colours.reserve(positions.capacity());
     const uint64_t bits = BitsOf(colour);
     std::array<uint32_t, 4> face;
     for (size_t c = 0; c < 4; ++c) {
       std::array<int64_t, 3> corner;
       for (size_t a = 0; a < 3; ++a) corner[a] = kSideCorners[size_t(side)][c][a] == 0 ? first[a] : last[a] + 1;
       const Key key{uint64_t(corner[0]) << 32 | uint64_t(corner[1]), bits};
-      const auto [entry, added] = corners_[corner[2]].try_emplace(key, uint32_t(positions.size() / 3));
+      const auto [entry, added] = corners_[corner[2]].try_emplace(key, uint32_t(positions.size()));
       if (added) AddVertex(corner, colour);
       face[c] = entry->second;
     }
@@ -108,17 +146,22 @@ class Surface {
   }
 
   void AddVertex(const std::array<int64_t, 3>& corner, const Colour& colour) {
+    const Position position{float(corner[0]), float(corner[1]), float(corner[2])};
     for (size_t a = 0; a < 3; ++a) {
-      const auto value = float(corner[a]);
-      low[a] = positions.size() < 3 ? value : std::min(low[a], value);
-      high[a] = positions.size() < 3 ? value : std::max(high[a], value);
+      low[a] = positions.empty() ? position[a] : std::min(low[a], position[a]);
+      high[a] = positions.empty() ? position[a] : std::max(high[a], position[a]);
     }
-    for (const int64_t value : corner) positions.push_back(float(value));
+    ++table_entries_;
+    positions.push_back(position);
     if (coloured_) colours.push_back(colour);
   }
 
   const DrawnResult& drawn_;
+  const JobContext* job_;
   bool coloured_;
+  absl::Status status_;
+  ChargedGrowth vertices_, table_;
+  uint64_t table_entries_ = 0;
   absl::flat_hash_map<int64_t, absl::flat_hash_map<Key, uint32_t>> corners_;  // vertices by z
 };
 
@@ -144,9 +187,9 @@ ordered_json SceneOf(const GridSpec& grid, const Surface& surface) {
     accessors.push_back(own);
     at += bytes;
   };
-  add(surface.positions.size() * sizeof(float), kArrayBuffer,
+  add(surface.positions.size() * sizeof(Surface::Position), kArrayBuffer,
       {{"componentType", kFloat},
-       {"count", surface.positions.size() / 3},
+       {"count", surface.positions.size()},
        {"type", "VEC3"},
        {"min", surface.low},
        {"max", surface.high}});
@@ -173,9 +216,6 @@ std::span<const uint8_t> AsBytes(const std::vector<T>& values) {
   return {reinterpret_cast<const uint8_t*>(values.data()), values.size() * sizeof(T)};
 }
 
-// A face has six indices and at most four vertices.
-constexpr uint64_t kFaceBytes = 6 * sizeof(uint32_t) + 4 * (3 * sizeof(float) + sizeof(Colour));
-
 absl::Status WriteSurface(const DrawnResult& drawn, const Surface& surface, AtomicFile& file, const JobContext* job) {
   std::string json = SceneOf(drawn.result.grid, surface).dump();
   json.resize((json.size() + 3) / 4 * 4, ' ');
@@ -197,20 +237,14 @@ absl::Status WriteSurface(const DrawnResult& drawn, const Surface& surface, Atom
 }
 
 absl::Status EncodeGlb(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
-  const uint64_t most = std::min(CountFaces(drawn.volume) * kFaceBytes, 2 * kMaxFileBytes);
-  if (absl::Status s = drawn.memory.Grow(most, "a surface:"); !s.ok()) return s;
-  Surface surface(drawn);
-  if (absl::Status s = surface.AddFaces(job); !s.ok()) return s;
+  Surface surface(drawn, job);
+  if (absl::Status s = surface.AddFaces(); !s.ok()) return s;
   return WriteSurface(drawn, surface, file, job);
 }
 
 absl::Status EncodeMergedGlb(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
-  // At worst nothing merges, and the table of vertices, which lasts to the end, has four entries a face.
-  constexpr uint64_t kEntryBytes = 40;
-  constexpr uint64_t kMergedFaceBytes = sizeof(MergedFace) + kFaceBytes + 4 * kEntryBytes;
-  if (absl::Status s = drawn.memory.Grow(CountFaces(drawn.volume), kMergedFaceBytes, "a surface:"); !s.ok()) return s;
-  Surface surface(drawn);
-  if (absl::Status s = surface.AddMergedFaces(job); !s.ok()) return s;
+  Surface surface(drawn, job);
+  if (absl::Status s = surface.AddMergedFaces(); !s.ok()) return s;
   return WriteSurface(drawn, surface, file, job);
 }
 

@@ -8,8 +8,8 @@
 // solids is not written, but follows: a voxel whose +x side is covered has solid ones behind it along x, up to the next
 // drawn voxel, which is in the same row. The viewer closes cuts by this. Where the surface has more faces than browsers
 // draw fluently, voxels are joined two by two by two: solid if one of them is.
+#include <memory>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <vector>
 
 #include "absl/strings/escaping.h"
@@ -27,26 +27,7 @@ namespace {
 using nlohmann::ordered_json;
 
 constexpr uint64_t kMaxFaces = 2'000'000;
-constexpr uint64_t kFaceBytes = 128;
 constexpr int64_t kMaxSide = 65'535;  // cells are counted in 16 bits
-
-// Two by two by two voxels as one, solid if one is.
-absl::StatusOr<VoxelizeResult> Halved(const PreviewVolume& fine, const JobContext* job) {
-  VoxelizeRequest request;
-  request.targets.emplace_back();  // bits
-  GridSpec grid;
-  for (size_t a = 0; a < 3; ++a) grid.dims[a] = (fine.dims()[a] + 1) / 2;
-  absl::StatusOr<VoxelizeResult> half = AllocateResult(DenseHeader(request, grid));
-  if (!half.ok()) return half;
-  uint8_t* const bits = half->targets[0].data();
-  std::memset(bits, 0, half->targets[0].size());
-  const absl::Status visited = VisitVoxels(fine, job, [&](int64_t i, int64_t j, int64_t k, uint64_t) {
-    const uint64_t n = uint64_t(i / 2 + grid.dims[0] * (j / 2 + grid.dims[1] * (k / 2)));
-    bits[n / 8] |= uint8_t(1 << (n % 8));
-  });
-  if (!visited.ok()) return visited;
-  return half;
-}
 
 // A voxel that is drawn.
 struct Cell {
@@ -59,23 +40,30 @@ struct Cell {
 uint64_t FirstSolid(const PreviewVolume& volume, const std::array<int64_t, 3>& cell, int64_t step) {
   for (int64_t k = cell[2] * step; k < (cell[2] + 1) * step; ++k) {
     for (int64_t j = cell[1] * step; j < (cell[1] + 1) * step; ++j) {
-      for (int64_t i = cell[0] * step; i < (cell[0] + 1) * step; ++i) {
-        if (volume.Solid(i, j, k)) return volume.Linear(i, j, k);
+      for (int64_t i = cell[0] * step; i < (cell[0] + 1) * step; i += 32) {
+        const uint32_t word = volume.Row(i, j, k, int(std::min<int64_t>(step, 32)));
+        if (word != 0) return volume.Linear(i + std::countr_zero(word), j, k);
       }
     }
   }
   return 0;
 }
 
-std::vector<Cell> CellsOf(const PreviewVolume& drawn, const PreviewVolume& whole, int64_t step) {
+// The `count` drawn voxels.
+absl::StatusOr<std::vector<Cell>> CellsOf(const PreviewVolume& drawn, const PreviewVolume& whole, int64_t step,
+                                          uint64_t count, const JobContext* job) {
   std::vector<Cell> cells;
+  cells.reserve(count);
   uint64_t last = ~uint64_t{0};
-  for (int64_t k = 0; k < drawn.dims()[2]; ++k) {
-    VisitFaces(drawn, k, [&](int64_t i, int64_t j, uint64_t n, int side) {
+  JobPoll poll(job);
+  for (int64_t layer = 0; layer < drawn.layers(); ++layer) {
+    const int64_t k = drawn.Layer(layer);
+    const absl::Status s = VisitFaces(drawn, k, poll, [&](int64_t i, int64_t j, uint64_t n, int side) {
       if (n != last) cells.push_back({{i, j, k}, 0, step == 1 ? n : FirstSolid(whole, {i, j, k}, step)});
       last = n;
       cells.back().sides |= uint16_t(1 << side);
     });
+    if (!s.ok()) return s;
   }
   return cells;
 }
@@ -149,47 +137,78 @@ ordered_json Describe(const VoxelizeResult& result, const PreviewVolume& drawn, 
   return json;
 }
 
-absl::Status EncodeHtml(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
-  const PreviewVolume* shown = &drawn.volume;
-  std::optional<VoxelizeResult> half;
-  std::optional<PreviewVolume> half_volume;
-  const uint64_t whole_faces = CountFaces(drawn.volume);
-  int64_t step = 1;
-  for (uint64_t faces = whole_faces;
-       faces > kMaxFaces || *std::max_element(shown->dims().begin(), shown->dims().end()) > kMaxSide;
-       faces = CountFaces(*shown)) {
-    absl::StatusOr<VoxelizeResult> next = Halved(*shown, job);
-    if (!next.ok()) return next.status();
-    half_volume.reset();  // borrows the result that is replaced
-    half.emplace(*std::move(next));
-    absl::StatusOr<PreviewVolume> volume = PreviewVolume::Build(*half, job);
-    if (!volume.ok()) return volume.status();
-    shown = &half_volume.emplace(*std::move(volume));
-    step *= 2;
+// Writes text as base64. Call Finish once, last.
+class Base64Writer {
+ public:
+  Base64Writer(AtomicFile& file, const JobContext* job) : file_(file), job_(job) {}
+
+  absl::Status Write(std::span<const uint8_t> bytes) {
+    open_.append(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    const size_t whole = open_.size() / 3 * 3;
+    absl::Status s = file_.Write(BytesOf(absl::Base64Escape({open_.data(), whole})), job_);
+    open_.erase(0, whole);
+    return s;
   }
-  // A cell with its values, packed and as text: at most as many as there are faces.
-  if (absl::Status s = drawn.memory.Grow(CountFaces(*shown), kFaceBytes, "a page of voxels:"); !s.ok()) return s;
-  const std::vector<Cell> cells = CellsOf(*shown, drawn.volume, step);
+  absl::Status Finish() { return file_.Write(BytesOf(absl::Base64Escape(open_)), job_); }
+
+ private:
+  AtomicFile& file_;
+  const JobContext* job_;
+  std::string open_;  // up to two bytes that a third has to follow
+};
+
+absl::Status EncodeHtml(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
   const VoxelizeResult& result = drawn.result;
-  std::string json = Describe(result, *shown, step, CountSolid(drawn.volume), whole_faces, cells.size()).dump();
+  const PreviewVolume* shown = &drawn.volume;
+  std::unique_ptr<const PreviewVolume> half;
+  absl::StatusOr<FaceCount> count = CountFaces(drawn.volume, job);
+  if (!count.ok()) return count.status();
+  const uint64_t whole_faces = count->faces;
+  int64_t step = 1;
+  while (count->faces > kMaxFaces || *std::max_element(shown->dims().begin(), shown->dims().end()) > kMaxSide) {
+    absl::StatusOr<PreviewVolume> next = PreviewVolume::Halved(*shown, job);
+    if (!next.ok()) return next.status();
+    half = std::make_unique<const PreviewVolume>(*std::move(next));
+    shown = half.get();
+    step *= 2;
+    count = CountFaces(*shown, job);
+    if (!count.ok()) return count.status();
+  }
+  const absl::StatusOr<uint64_t> solid = CountSolid(drawn.volume, job);
+  if (!solid.ok()) return solid.status();
+  std::string json = Describe(result, *shown, step, *solid, whole_faces, count->voxels).dump();
   json.resize((json.size() + 3) / 4 * 4, ' ');
+  constexpr uint64_t kCellBytes = 4 * sizeof(uint16_t), kPadding = 4;
+  uint64_t payload = 2 * sizeof(uint32_t) + json.size() + kCellBytes * count->voxels;
+  for (const TargetSpec& spec : result.specs) {
+    const ElementType type = ElementOf(spec.format == VoxelFormat::kF16 ? VoxelFormat::kF32 : spec.format);
+    payload += ArrayBytes(type, count->voxels * uint64_t(spec.components)) + kPadding;
+  }
+  absl::Status s = drawn.memory.Grow(count->voxels, sizeof(Cell), "a page of voxels:");
+  if (s.ok()) s = drawn.memory.Grow(payload + kDeflateBytes, "a page of voxels:");
+  if (!s.ok()) return s;
+  const absl::StatusOr<std::vector<Cell>> cells = CellsOf(*shown, drawn.volume, step, count->voxels, job);
+  if (!cells.ok()) return cells.status();
   Bytes bytes;
+  bytes.Reserve(payload);
   bytes.Text("VXV1").Put(uint32_t(json.size())).Text(json);
-  for (const Cell& cell : cells) {
+  for (const Cell& cell : *cells) {
     for (const int64_t index : cell.index) bytes.Put(uint16_t(index));
     bytes.Put(cell.sides);
   }
-  const PreviewItems items(result);
+  const PreviewItems& items = drawn.colours.items();
   for (size_t t = 0; t < result.specs.size(); ++t) {
     const TargetSpec& spec = result.specs[t];
-    if (spec.format != VoxelFormat::kBit) PutValues({result, t, items.count()}, spec, items, cells, bytes);
+    if (absl::Status over = CheckJob(job); !over.ok()) return over;
+    if (spec.format != VoxelFormat::kBit) PutValues({result, t, items.count()}, spec, items, *cells, bytes);
   }
-  const std::vector<uint8_t> packed = ZlibBlock(bytes.span());
-  const std::string text = absl::Base64Escape({reinterpret_cast<const char*>(packed.data()), packed.size()});
-  absl::Status s = file.Write(BytesOf(ViewerPage()), job);
-  for (const std::string_view part : {std::string_view("<script type=\"application/octet-stream\" id=\"voxels\">"),
-                                      std::string_view(text), std::string_view("</script>\n<script type=\"module\">"),
-                                      ViewerScript(), std::string_view("</script>\n</body>\n</html>\n")}) {
+  s = file.Write(BytesOf(ViewerPage()), job);
+  if (s.ok()) s = file.Write(BytesOf("<script type=\"application/octet-stream\" id=\"voxels\">"), job);
+  Base64Writer text(file, job);
+  if (s.ok()) s = DeflateBlock(bytes.span(), job, [&](std::span<const uint8_t> piece) { return text.Write(piece); });
+  if (s.ok()) s = text.Finish();
+  for (const std::string_view part : {std::string_view("</script>\n<script type=\"module\">"), ViewerScript(),
+                                      std::string_view("</script>\n</body>\n</html>\n")}) {
     if (s.ok()) s = file.Write(BytesOf(part), job);
   }
   return s;

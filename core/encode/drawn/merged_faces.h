@@ -18,10 +18,11 @@ struct MergedFace {
   int side;
 };
 
-// In: the colour of a solid voxel by its linear index, as any number; a job, which may be null. Out: rectangles that
+// In: the colour of a solid voxel by its linear index, as any number; a job, which may be null; a charge to its memory,
+// which gets that of the list. Out: rectangles that
 // cover each exposed face once, in a fixed order: runs of faces along a row, joined with equal runs of the next row.
 absl::StatusOr<std::vector<MergedFace>> MergeFaces(const PreviewVolume& volume,
                                                    const std::function<uint64_t(uint64_t n)>& colour_of,
-                                                   const JobContext* job);
+                                                   const JobContext* job, MemoryCharge& memory);
 
 }  // namespace voxelpipe

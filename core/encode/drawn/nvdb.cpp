@@ -28,9 +28,28 @@ nanovdb::Map MapOf(const GridSpec& grid) {
   return map;
 }
 
+// What GridBuilder takes for the tree of a grid, with the allocator's share.
+template <typename Value>
+uint64_t BuilderBytes(const VdbNodes& nodes) {
+  constexpr uint64_t kNode = 64;  // place, offset, the list of nodes, the allocator
+  constexpr uint64_t kEntry = (sizeof(Value) + sizeof(void*) - 1) / sizeof(void*) * sizeof(void*);
+  constexpr uint64_t kLeaf = 512 * sizeof(Value) + 512 / 8, kLower = 4096 * kEntry + 2 * 4096 / 8,
+                     kUpper = 32768 * kEntry + 2 * 32768 / 8;
+  return nodes.leaves * (kLeaf + kNode) + nodes.lower * (kLower + kNode) + nodes.upper * (kUpper + kNode);
+}
+
+// The grid that is made of it.
+template <typename Value>
+uint64_t GridBytes(const VdbNodes& nodes) {
+  constexpr uint64_t kHead = 4096, kRootEntry = 64;
+  return kHead + nodes.leaves * sizeof(nanovdb::NanoLeaf<Value>) + nodes.lower * sizeof(nanovdb::NanoLower<Value>) +
+         nodes.upper * (sizeof(nanovdb::NanoUpper<Value>) + kRootEntry);
+}
+
 class NanoGrids {
  public:
-  NanoGrids(const DrawnResult& drawn, const JobContext* job) : drawn_(drawn), job_(job) {}
+  NanoGrids(const DrawnResult& drawn, const VdbNodes& nodes, const JobContext* job)
+      : drawn_(drawn), nodes_(nodes), job_(job) {}
 
   template <typename ValueOf>
   absl::Status AddFog(const std::string& name, const ValueOf& value) {
@@ -53,26 +72,29 @@ class NanoGrids {
  private:
   template <typename Value, typename ValueOf>
   absl::Status Add(const std::string& name, nanovdb::GridClass kind, const ValueOf& value) {
+    MemoryCharge builder_memory(&MemoryOf(job_));
+    if (absl::Status s = builder_memory.Grow(BuilderBytes<Value>(nodes_), "a grid:"); !s.ok()) return s;
+    if (absl::Status s = drawn_.memory.Grow(GridBytes<Value>(nodes_), "a grid:"); !s.ok()) return s;
     nanovdb::GridBuilder<Value> builder(Value(0.0f), kind);
     auto accessor = builder.getAccessor();
     const absl::Status visited = VisitVoxels(drawn_.volume, job_, [&](int64_t i, int64_t j, int64_t k, uint64_t n) {
       accessor.setValue(nanovdb::Coord(int(i), int(j), int(k)), value(n));
     });
+    // The library's own loops do not look at the job: they copy the tree once.
     if (visited.ok()) handles_.push_back(builder.getHandle(MapOf(drawn_.result.grid), name));
     return visited;
   }
 
   const DrawnResult& drawn_;
+  const VdbNodes nodes_;
   const JobContext* job_;
   std::vector<Handle> handles_;
 };
 
 absl::Status Encode(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
-  // The tree of a grid, and the grid made of it: leaves have 512 values, so that a lone voxel costs much.
-  constexpr uint64_t kVoxelBytes = 64;
-  const uint64_t numbers = NumbersInGrids(drawn.result);
-  if (absl::Status s = drawn.memory.Grow(CountSolid(drawn.volume), kVoxelBytes * numbers, "grids:"); !s.ok()) return s;
-  NanoGrids grids(drawn, job);
+  const absl::StatusOr<VdbNodes> nodes = CountNodes(drawn.volume, job);
+  if (!nodes.ok()) return nodes.status();
+  NanoGrids grids(drawn, *nodes, job);
   if (absl::Status s = AddGrids(drawn, grids); !s.ok()) return s;
   nanovdb::io::Segment segment(nanovdb::io::Codec::NONE);
   for (const Handle& handle : grids.handles()) {

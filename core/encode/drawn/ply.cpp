@@ -33,7 +33,7 @@ std::string_view TypeOf(VoxelFormat format) {
 class PlyEncoder {
  public:
   PlyEncoder(const DrawnResult& drawn, AtomicFile& file, const JobContext* job)
-      : drawn_(drawn), result_(drawn.result), items_(drawn.result), file_(file), job_(job) {
+      : drawn_(drawn), result_(drawn.result), items_(drawn.colours.items()), file_(file), job_(job) {
     for (size_t t = 0; t < result_.specs.size(); ++t) {
       values_.emplace_back(result_, t, items_.count());
       for (int c = 0; c < result_.specs[t].components; ++c) properties_.push_back({t, c, result_.specs[t].format});
@@ -42,24 +42,25 @@ class PlyEncoder {
 
   absl::Status Run() {
     const bool buckets = result_.kind == ResultKind::kBuckets;
-    if (absl::Status s = file_.Write(BytesOf(Header(buckets)), job_); !s.ok()) return s;
-    for (int64_t k = 0; k < drawn_.volume.dims()[2]; ++k) {
-      absl::Status written;
-      VisitLayer(drawn_.volume, k, [&](int64_t i, int64_t j, uint64_t n) {
-        if (!written.ok()) return;
-        const uint64_t last = items_.Find(n);
-        for (uint64_t item = buckets ? last + 1 - items_.FragmentsOf(n) : last; item <= last; ++item) {
-          PutPoint({i, j, k}, n, item);
-        }
+    const absl::StatusOr<uint64_t> solid = CountSolid(drawn_.volume, job_);
+    if (!solid.ok()) return solid.status();
+    absl::Status s = drawn_.memory.Grow(2 * kPieceBytes, "points:");
+    if (s.ok()) s = file_.Write(BytesOf(Header(buckets, *solid)), job_);
+    if (!s.ok()) return s;
+    absl::Status written;
+    s = VisitVoxels(drawn_.volume, job_, [&](int64_t i, int64_t j, int64_t k, uint64_t n) {
+      const uint64_t last = items_.Find(n);
+      for (uint64_t item = buckets ? last + 1 - items_.FragmentsOf(n) : last; item <= last && written.ok(); ++item) {
+        PutPoint({i, j, k}, n, item);
         if (bytes_.size() >= kPieceBytes) written = Flush();
-      });
-      if (!written.ok()) return written;
-    }
-    return Flush();
+      }
+    });
+    s.Update(written);
+    return s.ok() ? Flush() : s;
   }
 
  private:
-  std::string Header(bool buckets) const {
+  std::string Header(bool buckets, uint64_t solid) const {
     const GridSpec& grid = result_.grid;
     const auto vector = [](const Vec3d& v) {
       return absl::StrCat(Shortest(v.x), " ", Shortest(v.y), " ", Shortest(v.z));
@@ -68,7 +69,7 @@ class PlyEncoder {
         "ply\nformat binary_little_endian 1.0\ncomment voxelpipe: ", buckets ? "fragments" : "occupied voxels",
         ", x y z is the centre, i j k the index of the voxel\ncomment dims ", grid.dims[0], " ", grid.dims[1], " ",
         grid.dims[2], "\ncomment origin ", vector(grid.origin), "\ncomment voxel_size ", vector(grid.voxel_size),
-        "\nelement vertex ", buckets ? result_.listed_fragments() : CountSolid(drawn_.volume),
+        "\nelement vertex ", buckets ? result_.listed_fragments() : solid,
         "\nproperty double x\nproperty double y\nproperty double z\nproperty int32 i\nproperty int32 j\nproperty "
         "int32 k\n");
     if (drawn_.colours.has_colours()) {
@@ -122,7 +123,7 @@ class PlyEncoder {
 
   const DrawnResult& drawn_;
   const VoxelizeResult& result_;
-  PreviewItems items_;
+  const PreviewItems& items_;
   AtomicFile& file_;
   const JobContext* job_;
   std::vector<TargetValues> values_;  // one a target

@@ -28,7 +28,8 @@ openvdb::math::Transform::Ptr TransformOf(const GridSpec& grid) {
 
 class OpenGrids {
  public:
-  OpenGrids(const DrawnResult& drawn, const JobContext* job) : drawn_(drawn), job_(job) {}
+  OpenGrids(const DrawnResult& drawn, const VdbNodes& nodes, const JobContext* job)
+      : drawn_(drawn), nodes_(nodes), job_(job) {}
 
   template <typename ValueOf>
   absl::Status AddFog(const std::string& name, const ValueOf& value) {
@@ -52,6 +53,12 @@ class OpenGrids {
  private:
   template <typename Grid, typename ValueOf>
   absl::Status Add(const std::string& name, const ValueOf& value) {
+    // The tree, and its part of the file.
+    constexpr uint64_t kNode = 256, kValue = sizeof(typename Grid::ValueType);
+    constexpr uint64_t kEntry = (kValue + sizeof(void*) - 1) / sizeof(void*) * sizeof(void*);
+    const uint64_t tree = nodes_.leaves * (512 * kValue + kNode) + nodes_.lower * (4096 * kEntry + 1024 + kNode) +
+                          nodes_.upper * (32768 * kEntry + 8192 + kNode);
+    if (absl::Status s = drawn_.memory.Grow(2 * tree, "a grid:"); !s.ok()) return s;
     const auto grid = Grid::create();
     grid->setName(name);
     grid->setTransform(TransformOf(drawn_.result.grid));
@@ -64,6 +71,7 @@ class OpenGrids {
   }
 
   const DrawnResult& drawn_;
+  const VdbNodes nodes_;
   const JobContext* job_;
   std::vector<openvdb::GridBase::Ptr> grids_;
 };
@@ -85,12 +93,10 @@ void SetTag(std::string& file) {
 }
 
 absl::Status Encode(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
-  // The trees and their text, which is smaller: leaves have 512 values, so that a lone voxel costs much.
-  constexpr uint64_t kVoxelBytes = 64;
-  const uint64_t numbers = NumbersInGrids(drawn.result);
-  if (absl::Status s = drawn.memory.Grow(CountSolid(drawn.volume), kVoxelBytes * numbers, "grids:"); !s.ok()) return s;
+  const absl::StatusOr<VdbNodes> nodes = CountNodes(drawn.volume, job);
+  if (!nodes.ok()) return nodes.status();
   openvdb::initialize();
-  OpenGrids grids(drawn, job);
+  OpenGrids grids(drawn, *nodes, job);
   if (absl::Status s = AddGrids(drawn, grids); !s.ok()) return s;
   std::ostringstream out(std::ios::binary);
   SeekableArchive().Write(out, grids.grids());

@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <string>
 
+#include "absl/container/flat_hash_set.h"
+#include "absl/status/statusor.h"
 #include "absl/strings/str_cat.h"
 #include "encode/drawn/whole_file.h"
 
@@ -16,13 +18,29 @@ inline Vec3d FirstCentre(const GridSpec& grid) {
   return {o.x + h.x / 2, o.y + h.y / 2, o.z + h.z / 2};
 }
 
-// Numbers by voxel in all grids.
-inline uint64_t NumbersInGrids(const VoxelizeResult& result) {
-  uint64_t numbers = 1;  // density
-  for (const TargetSpec& spec : result.specs) {
-    if (spec.format != VoxelFormat::kBit) numbers += uint64_t(spec.components);
-  }
-  return numbers;
+// The nodes of the tree of a grid: of 8, 128 and 4096 voxels a side.
+struct VdbNodes {
+  uint64_t leaves = 0, lower = 0, upper = 0;
+};
+
+// A leaf is a brick of the volume. Errors: the job's.
+inline absl::StatusOr<VdbNodes> CountNodes(const PreviewVolume& volume, const JobContext* job) {
+  using Node = std::array<int64_t, 3>;
+  VdbNodes nodes;
+  absl::flat_hash_set<Node> lower, upper;  // much smaller than the nodes
+  Node last{-1, -1, -1};
+  const absl::Status s = volume.VisitBricks(job, [&](int64_t x, int64_t y, int64_t z) {
+    ++nodes.leaves;
+    const Node node{x / 16, y / 16, z / 16};
+    if (node == last) return;
+    last = node;
+    lower.insert(node);
+    upper.insert({x / 512, y / 512, z / 512});
+  });
+  if (!s.ok()) return s;
+  nodes.lower = lower.size();
+  nodes.upper = upper.size();
+  return nodes;
 }
 
 // Adds the grids in the order of the file: the fog volume "density", which is 1 at solid voxels, and of each target
@@ -32,7 +50,7 @@ inline uint64_t NumbersInGrids(const VoxelizeResult& result) {
 template <typename Grids>
 absl::Status AddGrids(const DrawnResult& drawn, Grids& grids) {
   absl::Status s = grids.AddFog("density", [](uint64_t) { return 1.0f; });
-  const PreviewItems items(drawn.result);
+  const PreviewItems& items = drawn.colours.items();
   for (size_t t = 0; t < drawn.result.specs.size() && s.ok(); ++t) {
     const TargetSpec& spec = drawn.result.specs[t];
     if (spec.format == VoxelFormat::kBit) continue;

@@ -78,59 +78,91 @@ std::string SceneGraph(const std::vector<Model>& models) {
   return graph;
 }
 
-absl::StatusOr<Palette> PaletteOf(const DrawnResult& drawn, const JobContext* job) {
+// The models that a grid is divided into.
+struct Blocks {
+  std::array<int64_t, 3> dims, count;  // voxels and models, in the scene's axes
+
+  explicit Blocks(const std::array<int64_t, 3>& grid) : dims{grid[0], grid[2], grid[1]} {
+    for (size_t a = 0; a < 3; ++a) count[a] = (dims[a] + kMaxSide - 1) / kMaxSide;
+  }
+  uint64_t all() const { return uint64_t(count[0]) * uint64_t(count[1]) * uint64_t(count[2]); }
+  // Of voxel (i, j, k) of the grid in the scene.
+  std::array<int64_t, 3> PlaceOf(int64_t i, int64_t j, int64_t k) const { return {i, dims[1] - 1 - k, j}; }
+  size_t BlockOf(const std::array<int64_t, 3>& at) const {
+    return size_t(at[0] / kMaxSide + count[0] * (at[1] / kMaxSide + count[1] * (at[2] / kMaxSide)));
+  }
+};
+
+// Also counts the voxels of each block.
+absl::StatusOr<Palette> PaletteOf(const DrawnResult& drawn, const Blocks& blocks, const JobContext* job,
+                                  std::vector<uint64_t>& voxels) {
   absl::flat_hash_map<uint32_t, uint64_t> occurrences;
-  const absl::Status visited = VisitVoxels(
-      drawn.volume, job, [&](int64_t, int64_t, int64_t, uint64_t n) { ++occurrences[SrgbCodes(drawn.colours.At(n))]; });
+  ChargedGrowth growth(MemoryOf(job), TableEntryBytes(2 * sizeof(uint64_t)), "a palette:");
+  absl::Status full;
+  const absl::Status visited = VisitVoxels(drawn.volume, job, [&](int64_t i, int64_t j, int64_t k, uint64_t n) {
+    if (full.ok()) full = growth.Reach(occurrences.size() + 1, occurrences);
+    if (!full.ok()) return;
+    ++occurrences[SrgbCodes(drawn.colours.At(n))];
+    ++voxels[blocks.BlockOf(blocks.PlaceOf(i, j, k))];
+  });
   if (!visited.ok()) return visited;
-  return MakePalette(occurrences, kPaletteSize);
+  if (!full.ok()) return full;
+  return MakePalette(occurrences, kPaletteSize, job);
 }
 
 // The models that have voxels, or one without any.
-absl::StatusOr<std::vector<Model>> ModelsOf(const DrawnResult& drawn, const Palette& palette, const JobContext* job) {
-  const auto& grid = drawn.volume.dims();
-  const std::array<int64_t, 3> dims{grid[0], grid[2], grid[1]};
-  std::array<int64_t, 3> count{};
-  for (size_t a = 0; a < 3; ++a) count[a] = (dims[a] + kMaxSide - 1) / kMaxSide;
-  std::vector<Model> models(size_t(count[0] * count[1] * count[2]));
+absl::StatusOr<std::vector<Model>> ModelsOf(const DrawnResult& drawn, const Blocks& blocks,
+                                            const std::vector<uint64_t>& voxels, const Palette& palette,
+                                            const JobContext* job) {
+  std::vector<Model> models;
+  std::vector<uint32_t> places(voxels.size());  // of blocks in `models`
+  for (size_t m = 0; m < voxels.size(); ++m) {
+    if (voxels[m] == 0 && (m > 0 || *std::max_element(voxels.begin(), voxels.end()) > 0)) continue;
+    places[m] = uint32_t(models.size());
+    const auto place = int64_t(m);
+    const std::array<int64_t, 3> block{place % blocks.count[0], place / blocks.count[0] % blocks.count[1],
+                                       place / blocks.count[0] / blocks.count[1]};
+    Model& model = models.emplace_back();
+    for (size_t a = 0; a < 3; ++a) {
+      model.first[a] = block[a] * kMaxSide;
+      model.size[a] = std::min(kMaxSide, blocks.dims[a] - model.first[a]);
+    }
+    model.voxels.reserve(voxels[m] * kEntryBytes);
+  }
   const absl::Status visited = VisitVoxels(drawn.volume, job, [&](int64_t i, int64_t j, int64_t k, uint64_t n) {
-    const std::array<int64_t, 3> at{i, grid[2] - 1 - k, j};
-    Model& model = models[size_t(at[0] / kMaxSide + count[0] * (at[1] / kMaxSide + count[1] * (at[2] / kMaxSide)))];
+    const std::array<int64_t, 3> at = blocks.PlaceOf(i, j, k);
+    Model& model = models[places[blocks.BlockOf(at)]];
     for (const int64_t index : at) model.voxels += char(index % kMaxSide);
     model.voxels += char(palette.nearest.at(SrgbCodes(drawn.colours.At(n))) + 1);
   });
   if (!visited.ok()) return visited;
-  for (size_t m = 0; m < models.size(); ++m) {
-    const auto place = int64_t(m);
-    const std::array<int64_t, 3> block{place % count[0], place / count[0] % count[1], place / count[0] / count[1]};
-    for (size_t a = 0; a < 3; ++a) {
-      models[m].first[a] = block[a] * kMaxSide;
-      models[m].size[a] = std::min(kMaxSide, dims[a] - models[m].first[a]);
-    }
-  }
-  const Model first = models[0];
-  std::erase_if(models, [](const Model& model) { return model.voxels.empty(); });
-  if (models.empty()) models.push_back(first);
   return models;
 }
 
 absl::Status EncodeVox(const DrawnResult& drawn, AtomicFile& file, const JobContext* job) {
   constexpr uint64_t kMaxBytes = std::numeric_limits<int32_t>::max();
-  const uint64_t voxel_bytes = CountSolid(drawn.volume) * kEntryBytes;
+  const absl::StatusOr<uint64_t> solid = CountSolid(drawn.volume, job);
+  if (!solid.ok()) return solid.status();
+  const uint64_t voxel_bytes = *solid * kEntryBytes;
   constexpr uint64_t kBesides = 64 << 20;  // more than the scene of the most models that fit
-  const auto& dims = drawn.volume.dims();
-  uint64_t blocks = 1;
-  for (const int64_t dim : dims) blocks *= uint64_t((dim + kMaxSide - 1) / kMaxSide);
+  const Blocks blocks(drawn.volume.dims());
   constexpr uint64_t kMaxBlocks = 1 << 17;
-  if (voxel_bytes > kMaxBytes - kBesides || blocks > kMaxBlocks) {
+  if (voxel_bytes > kMaxBytes - kBesides || blocks.all() > kMaxBlocks) {
     return absl::InvalidArgumentError(absl::StrCat(".vox counts bytes in 32 bits: ", voxel_bytes / kEntryBytes,
-                                                   " voxels in ", blocks,
+                                                   " voxels in ", blocks.all(),
                                                    " models are too many; .ply, .npz and .nvdb hold them"));
   }
-  if (absl::Status s = drawn.memory.Grow(2 * voxel_bytes, "models:"); !s.ok()) return s;
-  const absl::StatusOr<Palette> palette = PaletteOf(drawn, job);
+  constexpr uint64_t kBlockBytes = sizeof(uint64_t) + sizeof(uint32_t);
+  if (absl::Status s = drawn.memory.Grow(blocks.all(), kBlockBytes, "models:"); !s.ok()) return s;
+  std::vector<uint64_t> voxels(blocks.all());
+  const absl::StatusOr<Palette> palette = PaletteOf(drawn, blocks, job, voxels);
   if (!palette.ok()) return palette.status();
-  const absl::StatusOr<std::vector<Model>> models = ModelsOf(drawn, *palette, job);
+  constexpr uint64_t kModelBytes = 1024;  // its place in the scene as well
+  const auto models_with_voxels =
+      uint64_t(std::count_if(voxels.begin(), voxels.end(), [](uint64_t count) { return count > 0; }));
+  absl::Status s = drawn.memory.Grow(voxel_bytes + kModelBytes * (models_with_voxels + 1), "models:");
+  if (!s.ok()) return s;
+  const absl::StatusOr<std::vector<Model>> models = ModelsOf(drawn, blocks, voxels, *palette, job);
   if (!models.ok()) return models.status();
   std::vector<std::string> heads;
   uint64_t children = 0;
@@ -151,7 +183,7 @@ absl::Status EncodeVox(const DrawnResult& drawn, AtomicFile& file, const JobCont
   const std::string end = SceneGraph(*models) + Chunk("RGBA", colours);
   Bytes begin;
   begin.Text("VOX ").Put(int32_t{200}).Text("MAIN").Put(int32_t{0}).Put(int32_t(children + end.size()));
-  absl::Status s = file.Write(begin.span(), job);
+  s = file.Write(begin.span(), job);
   for (size_t m = 0; m < models->size() && s.ok(); ++m) {
     s = file.Write(BytesOf(heads[m]), job);
     if (s.ok()) s = file.Write(BytesOf((*models)[m].voxels), job);

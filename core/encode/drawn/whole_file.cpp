@@ -1,9 +1,6 @@
 #include "encode/drawn/whole_file.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_reduce.h>
-
-#include <functional>
+#include <algorithm>
 #include <new>
 #include <optional>
 
@@ -18,11 +15,7 @@ namespace {
 class WholeFile final : public ResultFile {
  public:
   WholeFile(std::string_view extension, std::string path, const JobContext* job, EncodeWhole encode)
-      : extension_(extension),
-        path_(std::move(path)),
-        job_(job),
-        encode_(encode),
-        memory_(job == nullptr ? nullptr : &MemoryOf(*job)) {}
+      : extension_(extension), path_(std::move(path)), job_(job), encode_(encode), memory_(&MemoryOf(job)) {}
 
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(extension_, header.kind, header.specs.size()); !s.ok()) return s;
@@ -36,14 +29,24 @@ class WholeFile final : public ResultFile {
     return whole_.Begin(header);
   }
 
-  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override { return whole_.Write(array, bytes); }
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    constexpr size_t kPieceBytes = 8 << 20;  // between two looks at the job
+    for (size_t at = 0; at < bytes.size(); at += kPieceBytes) {
+      if (absl::Status s = CheckJob(job_); !s.ok()) return s;
+      const auto piece = bytes.subspan(at, std::min(kPieceBytes, bytes.size() - at));
+      if (absl::Status s = whole_.Write(array, piece); !s.ok()) return s;
+    }
+    return absl::OkStatus();
+  }
 
   absl::Status Commit() override {
     try {
       const VoxelizeResult result = whole_.Take();
       absl::StatusOr<PreviewVolume> volume = PreviewVolume::Build(result, job_);
       if (!volume.ok()) return volume.status();
-      const PreviewColours colours(result, *volume);
+      if (absl::Status s = memory_.Grow(PreviewItems::MemoryBytes(result), "an index of voxels:"); !s.ok()) return s;
+      const PreviewColours colours(result, *volume, job_);
+      if (absl::Status s = CheckJob(job_); !s.ok()) return s;
       if (absl::Status s = encode_({result, *volume, colours, memory_}, *file_, job_); !s.ok()) return s;
     } catch (const std::bad_alloc&) {
       return absl::ResourceExhaustedError(absl::StrCat("out of memory while writing '", path_, "'"));
@@ -68,20 +71,10 @@ std::unique_ptr<ResultFile> MakeWholeFile(std::string_view extension, const std:
   return std::make_unique<WholeFile>(extension, path, job, encode);
 }
 
-uint64_t CountSolid(const PreviewVolume& volume) {
-  return tbb::parallel_reduce(
-      tbb::blocked_range<int64_t>(0, volume.dims()[2]), uint64_t{0},
-      [&](const auto& layers, uint64_t count) {
-        for (int64_t k = layers.begin(); k < layers.end(); ++k) {
-          for (int64_t j = 0; j < volume.dims()[1]; ++j) {
-            for (int64_t i = 0; i < volume.dims()[0]; i += 32) {
-              count += uint64_t(__builtin_popcount(volume.Row(i, j, k, 32)));
-            }
-          }
-        }
-        return count;
-      },
-      std::plus<uint64_t>());
+absl::StatusOr<uint64_t> CountSolid(const PreviewVolume& volume, const JobContext* job) {
+  return SumOfLayers<uint64_t>(volume, job, [&](int64_t k, JobPoll& poll, uint64_t& sum) {
+    return volume.VisitRows(k, poll, [&](int64_t, int64_t, uint32_t word) { sum += uint64_t(std::popcount(word)); });
+  });
 }
 
 uint32_t SrgbCodes(const Vec3f& linear) {

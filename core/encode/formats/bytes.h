@@ -41,6 +41,7 @@ class Bytes {
   const std::string& text() const { return bytes_; }
   size_t size() const { return bytes_.size(); }
   void clear() { bytes_.clear(); }
+  void Reserve(size_t bytes) { bytes_.reserve(bytes); }
 
  private:
   std::string bytes_;

@@ -7,6 +7,7 @@
 #include <new>
 
 #include "encode/formats/bytes.h"
+#include "job/job_work.h"
 
 namespace voxelpipe {
 
@@ -15,16 +16,48 @@ struct DeflatePart::State {
   std::array<uint8_t, 1 << 16> buffer;
 };
 
-std::vector<uint8_t> ZlibBlock(std::span<const uint8_t> bytes) {
-  std::vector<uint8_t> compressed(compressBound(uLong(bytes.size())));
-  uLongf size = uLongf(compressed.size());
-  const int code = compress2(compressed.data(), &size, bytes.data(), uLong(bytes.size()), kDeflateLevel);
-  if (code != Z_OK) throw std::bad_alloc();  // the only way to fail: the buffer is large enough
-  compressed.resize(size);
+absl::Status DeflateBlock(std::span<const uint8_t> bytes, const JobContext* job,
+                          const std::function<absl::Status(std::span<const uint8_t>)>& out) {
+  constexpr size_t kMaxInput = size_t{1} << 30;  // zlib counts in 32 bits
+  z_stream stream{};
+  if (deflateInit(&stream, kDeflateLevel) != Z_OK) throw std::bad_alloc();
+  const std::unique_ptr<z_stream, int (*)(z_stream*)> end(&stream, &deflateEnd);
+  // Small, so that even runs, which become a thousandth, let the job be looked at.
+  std::vector<uint8_t> buffer(16 << 10);
+  for (int code = Z_OK; code != Z_STREAM_END;) {
+    if (absl::Status s = CheckJob(job); !s.ok()) return s;
+    if (stream.avail_in == 0) {
+      const std::span<const uint8_t> piece = bytes.first(std::min(kMaxInput, bytes.size()));
+      stream.next_in = const_cast<uint8_t*>(piece.data());  // zlib does not write there
+      stream.avail_in = uInt(piece.size());
+      bytes = bytes.subspan(piece.size());
+    }
+    stream.next_out = buffer.data();
+    stream.avail_out = uInt(buffer.size());
+    code = deflate(&stream, bytes.empty() ? Z_FINISH : Z_NO_FLUSH);
+    const size_t made = buffer.size() - stream.avail_out;
+    if (made == 0) continue;
+    if (absl::Status s = out({buffer.data(), made}); !s.ok()) return s;
+  }
+  return absl::OkStatus();
+}
+
+uint64_t ZlibBlockBytes(uint64_t bytes) {
+  return compressBound(uLong(bytes)) + kDeflateBytes;
+}
+
+absl::StatusOr<std::vector<uint8_t>> ZlibBlock(std::span<const uint8_t> bytes, const JobContext* job) {
+  std::vector<uint8_t> compressed;
+  compressed.reserve(compressBound(uLong(bytes.size())));
+  const absl::Status s = DeflateBlock(bytes, job, [&](std::span<const uint8_t> piece) {
+    compressed.insert(compressed.end(), piece.begin(), piece.end());
+    return absl::OkStatus();
+  });
+  if (!s.ok()) return s;
   return compressed;
 }
 
-DeflatePart::DeflatePart() : state_(std::make_unique<State>()) {
+DeflatePart::DeflatePart(const JobContext* job) : state_(std::make_unique<State>()), job_(job) {
   constexpr int kRawWindow = -15, kMemory = 8;  // zlib's default sizes; negative: without a header
   if (deflateInit2(&state_->stream, kDeflateLevel, Z_DEFLATED, kRawWindow, kMemory, Z_DEFAULT_STRATEGY) != Z_OK) {
     throw std::bad_alloc();
@@ -51,8 +84,9 @@ absl::Status DeflatePart::Run(int flush, const Output& out) {
 }
 
 absl::Status DeflatePart::Write(std::span<const uint8_t> bytes, const Output& out) {
-  constexpr size_t kMaxPiece = size_t{1} << 30;  // zlib counts in 32 bits
+  constexpr size_t kMaxPiece = 1 << 20;  // between two looks at the job
   while (!bytes.empty()) {
+    if (absl::Status s = CheckJob(job_); !s.ok()) return s;
     const std::span<const uint8_t> piece = bytes.first(std::min(kMaxPiece, bytes.size()));
     crc_ = uint32_t(crc32_z(crc_, piece.data(), piece.size()));
     bytes_ += piece.size();

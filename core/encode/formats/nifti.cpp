@@ -14,6 +14,7 @@
 #include "encode/formats/nifti_header.h"
 #include "encode/formats/plain_elements.h"
 #include "encode/formats/writers.h"
+#include "job/job_work.h"
 
 namespace voxelpipe {
 namespace {
@@ -104,22 +105,30 @@ std::string Nifti2(const Fields& fields) {
 
 class NiftiFile final : public ResultFile {
  public:
-  NiftiFile(std::string path, const JobContext* job) : path_(std::move(path)), job_(job) {}
+  NiftiFile(std::string path, const JobContext* job) : path_(std::move(path)), job_(job), memory_(&MemoryOf(job)) {}
 
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(".nii.gz", header.kind, header.specs.size()); !s.ok()) return s;
-    absl::StatusOr<AtomicFile> file = path_.empty() ? AtomicFile::StandardOutput() : AtomicFile::Create(path_, job_);
-    if (!file.ok()) return file.status();
-    file_.emplace(*std::move(file));
     const auto components = size_t(header.specs[0].components);
-    elements_.emplace(header.arrays[0].type, header.grid.voxels() * components);
-    element_bytes_ = ArrayBytes(PlainTypeOf(header.arrays[0].type), 1);
+    const uint64_t count = header.grid.voxels() * components;
     // The components are the slowest axis of the file. Interleaved ones are compressed side by side, each into a part
     // of its own; the parts follow each other in the file.
     const size_t parts = header.layout == Layout::kInterleaved ? components : 1;
-    for (size_t i = 0; i < parts; ++i) gzip_.emplace_back();
-    later_.resize(parts - 1);
+    const ElementType type = header.arrays[0].type;
+    element_bytes_ = ArrayBytes(PlainTypeOf(type), 1);
+    uint64_t buffers = PlainElements::MemoryBytes(type, count) + parts * kDeflateBytes;
+    if (parts > 1) buffers += std::min<uint64_t>(kPieceBytes, count * element_bytes_) + parts * element_bytes_;
+    if (absl::Status s = memory_.Grow(buffers, "compression:"); !s.ok()) return s;
+    absl::StatusOr<AtomicFile> file = path_.empty() ? AtomicFile::StandardOutput() : AtomicFile::Create(path_, job_);
+    if (!file.ok()) return file.status();
+    file_.emplace(*std::move(file));
+    elements_.emplace(type, count);
+    gzip_.reserve(parts);
+    for (size_t i = 0; i < parts; ++i) gzip_.emplace_back(job_);
+    for (size_t i = 1; i < parts; ++i) later_.emplace_back(MemoryOf(job_));
     planes_.resize(parts);
+    const uint64_t piece = parts == 1 ? 0 : std::min<uint64_t>(kPieceBytes, count * element_bytes_);
+    for (std::vector<uint8_t>& plane : planes_) plane.reserve(piece / parts + element_bytes_);
     if (absl::Status s = file_->Write(BytesOf(GzipHeader()), job_); !s.ok()) return s;
     return gzip_[0].Write(BytesOf(NiftiHeader(header)), PutPart(0));
   }
@@ -135,8 +144,9 @@ class NiftiFile final : public ResultFile {
     for (size_t i = 0; i < gzip_.size(); ++i) {
       if (absl::Status s = gzip_[i].Finish(PutPart(i)); !s.ok()) return s;
       if (i == 0) continue;
-      if (absl::Status s = file_->Write(BytesOf(later_[i - 1]), job_); !s.ok()) return s;
-      later_[i - 1] = {};
+      if (absl::Status s = file_->Write(later_[i - 1].bytes, job_); !s.ok()) return s;
+      later_[i - 1].bytes = {};
+      later_[i - 1].growth.TakeCharge();
     }
     if (absl::Status s = file_->Write(BytesOf(GzipEnd(gzip_)), job_); !s.ok()) return s;
     return file_->Commit();
@@ -146,18 +156,20 @@ class NiftiFile final : public ResultFile {
   DeflatePart::Output PutPart(size_t part) {
     return [this, part](std::span<const uint8_t> compressed) -> absl::Status {
       if (part == 0) return file_->Write(compressed, job_);
-      later_[part - 1].append(reinterpret_cast<const char*>(compressed.data()), compressed.size());
-      return absl::OkStatus();
+      Later& later = later_[part - 1];
+      absl::Status s = later.growth.Reach(later.bytes.size() + compressed.size(), later.bytes);
+      if (s.ok()) later.bytes.insert(later.bytes.end(), compressed.begin(), compressed.end());
+      return s;
     };
   }
 
   // Distributes interleaved components, a piece at a time. A piece may end within a component or a voxel.
   absl::Status Separate(std::span<const uint8_t> bytes) {
-    constexpr size_t kPieceBytes = 1 << 20;
     const uint64_t voxel_bytes = element_bytes_ * planes_.size();
     while (!bytes.empty()) {
       const std::span<const uint8_t> piece = bytes.first(std::min(bytes.size(), kPieceBytes));
       bytes = bytes.subspan(piece.size());
+      if (absl::Status s = CheckJob(job_); !s.ok()) return s;
       size_t i = 0;
       while (i < piece.size()) {
         const uint64_t end = at_ % element_bytes_ == 0 && piece.size() - i >= element_bytes_ ? element_bytes_ : 1;
@@ -174,12 +186,22 @@ class NiftiFile final : public ResultFile {
     return absl::OkStatus();
   }
 
+  static constexpr size_t kPieceBytes = 1 << 20;
+
+  // A compressed part that waits for those before it.
+  struct Later {
+    explicit Later(MemoryBudget& budget) : growth(budget, 1, "compressed components:") {}
+    ChargedGrowth growth;
+    std::vector<uint8_t> bytes;
+  };
+
   std::string path_;
   const JobContext* job_;
+  MemoryCharge memory_;
   std::optional<AtomicFile> file_;
   std::optional<PlainElements> elements_;
   std::vector<DeflatePart> gzip_;
-  std::vector<std::string> later_;            // compressed parts after the first
+  std::vector<Later> later_;                  // the parts after the first
   std::vector<std::vector<uint8_t>> planes_;  // of a piece
   uint64_t element_bytes_ = 1, at_ = 0;       // at_: in a voxel
 };

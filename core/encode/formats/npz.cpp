@@ -1,5 +1,6 @@
 // An .npz is a ZIP archive of .npy files (NumPy documentation, numpy.savez).
 
+#include <algorithm>
 #include <bit>
 #include <cstring>
 #include <optional>
@@ -9,6 +10,7 @@
 #include "encode/formats/writers.h"
 #include "encode/npy.h"
 #include "encode/zip_writer.h"
+#include "job/job_work.h"
 
 namespace voxelpipe {
 namespace {
@@ -16,6 +18,9 @@ namespace {
 constexpr size_t kPieceVoxels = 1 << 16;
 constexpr uint64_t kBrick = 8;
 constexpr uint64_t kMaskBytes = kBrick * kBrick * kBrick / 8;
+constexpr size_t kPieceBytes = 512 << 10;
+// Of indices, as many as a piece or some bricks have.
+constexpr uint64_t kIjkBytes = 3 * sizeof(int32_t) * (kPieceVoxels + 8 * kMaskBytes);
 
 template <typename T>
 std::span<const uint8_t> BytesOf(const T* values, size_t count) {
@@ -24,10 +29,19 @@ std::span<const uint8_t> BytesOf(const T* values, size_t count) {
 
 class NpzFile final : public ResultFile {
  public:
-  NpzFile(std::string path, const JobContext* job) : path_(std::move(path)), job_(job) {}
+  NpzFile(std::string path, const JobContext* job)
+      : path_(std::move(path)), job_(job), memory_(&MemoryOf(job)), bricks_memory_(&MemoryOf(job)) {}
 
   absl::Status Begin(const ResultHeader& header) override {
     header_ = header;
+    uint64_t buffers = header.kind == ResultKind::kDense ? 0 : kIjkBytes, elements = 0;
+    for (const ArraySpec& array : header.arrays) {
+      elements = std::max(elements, NpyElements::MemoryBytes(array.type, CountOf(array)));
+      if (array.name != "brick" && array.name != "mask") continue;
+      if (absl::Status s = bricks_memory_.Grow(array.bytes(), "the bricks of a file:"); !s.ok()) return s;
+    }
+    buffers += elements;
+    if (absl::Status s = memory_.Grow(buffers, "elements of a file:"); !s.ok()) return s;
     absl::StatusOr<AtomicFile> file = path_.empty() ? AtomicFile::StandardOutput() : AtomicFile::Create(path_, job_);
     if (!file.ok()) return file.status();
     file_.emplace(*std::move(file));
@@ -48,11 +62,16 @@ class NpzFile final : public ResultFile {
     const std::string& name = header_.arrays[array].name;
     if (name == "brick" || name == "mask") {
       std::vector<uint8_t>& kept = name == "brick" ? bricks_ : masks_;
-      kept.insert(kept.end(), bytes.begin(), bytes.end());
-      return absl::OkStatus();
+      kept.reserve(header_.arrays[array].bytes());
+      return InPieces(bytes, [&](std::span<const uint8_t> piece) {
+        kept.insert(kept.end(), piece.begin(), piece.end());
+        return CheckJob(job_);
+      });
     }
-    if (name == "voxel") return WriteVoxels(bytes);
-    return elements_->Write(bytes, [&](std::span<const uint8_t> piece) { return zip_->Write(piece); });
+    if (name == "voxel") return InPieces(bytes, [&](std::span<const uint8_t> piece) { return WriteVoxels(piece); });
+    return InPieces(bytes, [&](std::span<const uint8_t> piece) {
+      return elements_->Write(piece, [&](std::span<const uint8_t> stored) { return zip_->Write(stored); });
+    });
   }
 
   absl::Status Commit() override {
@@ -62,6 +81,21 @@ class NpzFile final : public ResultFile {
   }
 
  private:
+  static uint64_t CountOf(const ArraySpec& array) {
+    uint64_t count = 1;
+    for (const uint64_t n : array.shape) count *= n;
+    return count;
+  }
+
+  // Looks at the job between pieces; the checksum of one takes some milliseconds.
+  template <typename Write>
+  static absl::Status InPieces(std::span<const uint8_t> bytes, const Write& write) {
+    for (size_t at = 0; at < bytes.size(); at += kPieceBytes) {
+      if (absl::Status s = write(bytes.subspan(at, std::min(kPieceBytes, bytes.size() - at))); !s.ok()) return s;
+    }
+    return absl::OkStatus();
+  }
+
   absl::Status BeginArray(const std::string& name, std::string_view descr, const std::vector<uint64_t>& shape,
                           uint64_t bytes) {
     const std::string head = NpyHeader(descr, shape);
@@ -92,8 +126,7 @@ class NpzFile final : public ResultFile {
   absl::Status Open(const ArraySpec& spec) {
     if (spec.name == "brick" || spec.name == "mask") return absl::OkStatus();
     if (spec.name == "voxel") return BeginArray("ijk", "<i4", {spec.shape[0], 3}, spec.shape[0] * 12);
-    uint64_t count = 1;
-    for (const uint64_t n : spec.shape) count *= n;
+    const uint64_t count = CountOf(spec);
     elements_.emplace(spec.type, count);
     const bool offsets = spec.name == "offset";  // below 2^63, so they have the bytes of int64
     return BeginArray(offsets ? "offsets" : spec.name, offsets ? "<i8" : NpyDescr(spec.type), spec.shape,
@@ -124,11 +157,16 @@ class NpzFile final : public ResultFile {
   // ijk of a sparse result, in the order of its values.
   absl::Status WriteBricks() {
     uint64_t voxels = 0;
-    for (const uint8_t byte : masks_) voxels += uint64_t(std::popcount(byte));
+    JobPoll poll(job_);
+    for (const uint8_t byte : masks_) {
+      voxels += uint64_t(std::popcount(byte));
+      if (absl::Status s = poll.Add(1); !s.ok()) return s;
+    }
     if (absl::Status s = BeginArray("ijk", "<i4", {voxels, 3}, voxels * 12); !s.ok()) return s;
     const uint64_t bx = (uint64_t(header_.grid.dims[0]) + kBrick - 1) / kBrick;
     const uint64_t by = (uint64_t(header_.grid.dims[1]) + kBrick - 1) / kBrick;
     ijk_.clear();
+    ijk_.reserve(3 * (kPieceVoxels + 8 * kMaskBytes));
     for (uint64_t b = 0; b < masks_.size() / kMaskBytes; ++b) {
       uint64_t id;
       std::memcpy(&id, &bricks_[b * sizeof id], sizeof id);
@@ -137,6 +175,7 @@ class NpzFile final : public ResultFile {
         if ((masks_[b * kMaskBytes + i / 8] >> (i % 8) & 1) == 0) continue;
         ijk_.insert(ijk_.end(), {int32_t(x + i % 8), int32_t(y + i / 8 % 8), int32_t(z + i / 64)});
       }
+      if (absl::Status s = poll.Add(kMaskBytes); !s.ok()) return s;
       if (ijk_.size() < 3 * kPieceVoxels) continue;
       if (absl::Status s = zip_->Write(BytesOf(ijk_.data(), ijk_.size())); !s.ok()) return s;
       ijk_.clear();
@@ -145,11 +184,13 @@ class NpzFile final : public ResultFile {
     if (s.ok()) s = zip_->EndEntry();
     bricks_ = {};
     masks_ = {};
+    bricks_memory_.ShrinkTo(0);
     return s;
   }
 
   std::string path_;
   const JobContext* job_;
+  MemoryCharge memory_, bricks_memory_;
   ResultHeader header_;
   std::optional<AtomicFile> file_;
   std::optional<ZipWriter> zip_;

@@ -11,6 +11,7 @@
 #include "encode/formats/deflate.h"
 #include "encode/formats/plain_elements.h"
 #include "encode/formats/writers.h"
+#include "job/job_work.h"
 
 namespace voxelpipe {
 namespace {
@@ -50,15 +51,19 @@ std::string NrrdHead(const ResultHeader& header) {
 
 class NrrdFile final : public ResultFile {
  public:
-  NrrdFile(std::string path, const JobContext* job) : path_(std::move(path)), job_(job) {}
+  NrrdFile(std::string path, const JobContext* job) : path_(std::move(path)), job_(job), memory_(&MemoryOf(job)) {}
 
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(".nrrd", header.kind, header.specs.size()); !s.ok()) return s;
+    const ElementType type = header.arrays[0].type;
+    const uint64_t count = header.grid.voxels() * uint64_t(header.specs[0].components);
+    const uint64_t buffers = PlainElements::MemoryBytes(type, count) + kDeflateBytes;
+    if (absl::Status s = memory_.Grow(buffers, "compression:"); !s.ok()) return s;
     absl::StatusOr<AtomicFile> file = path_.empty() ? AtomicFile::StandardOutput() : AtomicFile::Create(path_, job_);
     if (!file.ok()) return file.status();
     file_.emplace(*std::move(file));
-    elements_.emplace(header.arrays[0].type, header.grid.voxels() * uint64_t(header.specs[0].components));
-    gzip_.emplace_back();
+    elements_.emplace(type, count);
+    gzip_.emplace_back(job_);
     if (absl::Status s = file_->Write(BytesOf(NrrdHead(header)), job_); !s.ok()) return s;
     return file_->Write(BytesOf(GzipHeader()), job_);
   }
@@ -80,6 +85,7 @@ class NrrdFile final : public ResultFile {
 
   std::string path_;
   const JobContext* job_;
+  MemoryCharge memory_;
   std::optional<AtomicFile> file_;
   std::optional<PlainElements> elements_;
   std::vector<DeflatePart> gzip_;  // one

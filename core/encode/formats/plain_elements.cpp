@@ -5,10 +5,20 @@
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe {
+namespace {
+
+constexpr size_t kPiece = 1 << 18;  // elements
+
+}  // namespace
 
 ElementType PlainTypeOf(ElementType type) {
   if (type == ElementType::kBit) return ElementType::kU8;
   return type == ElementType::kF16 ? ElementType::kF32 : type;
+}
+
+uint64_t PlainElements::MemoryBytes(ElementType type, uint64_t count) {
+  if (type == ElementType::kF16) return std::min<uint64_t>(count, kPiece) * sizeof(float);
+  return NpyElements::MemoryBytes(type, count);
 }
 
 absl::Status PlainElements::Write(std::span<const uint8_t> bytes, const Output& out) {
@@ -17,7 +27,8 @@ absl::Status PlainElements::Write(std::span<const uint8_t> bytes, const Output& 
 }
 
 absl::Status PlainElements::WriteHalves(std::span<const uint8_t> bytes, const Output& out) {
-  constexpr size_t kPiece = 1 << 18;
+  // At most twice what it has to hold, as a growing list has.
+  widened_.reserve(std::min(kPiece, bytes.size() / 2 + 1));
   const auto emit = [&] {
     const absl::Status s = out({reinterpret_cast<const uint8_t*>(widened_.data()), widened_.size() * sizeof(float)});
     widened_.clear();

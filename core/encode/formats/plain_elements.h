@@ -22,6 +22,9 @@ class PlainElements {
   // `count`: elements of the array.
   PlainElements(ElementType type, uint64_t count) : type_(type), bits_(type, count) {}
 
+  // The most memory that conversion takes.
+  static uint64_t MemoryBytes(ElementType type, uint64_t count);
+
   using Output = std::function<absl::Status(std::span<const uint8_t>)>;
   // `bytes` are the next ones of the array. Calls `out` with the converted ones; returns its first error.
   absl::Status Write(std::span<const uint8_t> bytes, const Output& out);

@@ -9,13 +9,15 @@
 #include "encode/formats/writers.h"
 #include "encode/npy.h"
 #include "encode/raw_description.h"
+#include "job/job_work.h"
 
 namespace voxelpipe {
 namespace {
 
 class TargetFiles final : public ResultFile {
  public:
-  TargetFiles(std::string path, bool npy, const JobContext* job) : path_(std::move(path)), npy_(npy), job_(job) {}
+  TargetFiles(std::string path, bool npy, const JobContext* job)
+      : path_(std::move(path)), npy_(npy), job_(job), memory_(&MemoryOf(job)) {}
 
   absl::Status Begin(const ResultHeader& header) override {
     const std::vector<ArraySpec>& arrays = header.arrays;
@@ -34,8 +36,10 @@ class TargetFiles final : public ResultFile {
       for (const uint64_t n : arrays[i].shape) count *= n;
       elements_.emplace_back(arrays[i].type, count);
       if (!npy_) continue;
+      absl::Status s = memory_.Grow(NpyElements::MemoryBytes(arrays[i].type, count), "elements of a file:");
+      if (!s.ok()) return s;
       const std::string head = NpyHeader(NpyDescr(arrays[i].type), arrays[i].shape);
-      absl::Status s = files_.back().Write({reinterpret_cast<const uint8_t*>(head.data()), head.size()}, job_);
+      s = files_.back().Write({reinterpret_cast<const uint8_t*>(head.data()), head.size()}, job_);
       if (!s.ok()) return s;
     }
     if (npy_ || path_.empty()) return absl::OkStatus();
@@ -51,13 +55,15 @@ class TargetFiles final : public ResultFile {
   }
 
   absl::Status Commit() override {
+    if (description_) {  // before the first file has its name: the job may end here
+      const std::string text = DescribeRaw(header_, paths_, sha256());
+      absl::Status s = description_->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, job_);
+      if (!s.ok()) return s;
+    }
     for (AtomicFile& file : files_) {
       if (absl::Status s = file.Commit(); !s.ok()) return s;
     }
-    if (!description_) return absl::OkStatus();
-    const std::string text = DescribeRaw(header_, paths_, sha256());
-    absl::Status s = description_->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, job_);
-    return s.ok() ? description_->Commit() : s;
+    return description_ ? description_->Commit() : absl::OkStatus();
   }
 
  private:
@@ -68,6 +74,7 @@ class TargetFiles final : public ResultFile {
   std::string path_;
   bool npy_;
   const JobContext* job_;
+  MemoryCharge memory_;
   ResultHeader header_;
   std::vector<std::string> paths_;
   std::vector<AtomicFile> files_;

@@ -4,6 +4,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <atomic>
 #include <optional>
 #include <vector>
 
@@ -15,12 +16,13 @@
 #include "encode/formats/deflate.h"
 #include "encode/formats/plain_elements.h"
 #include "encode/formats/writers.h"
+#include "job/job_work.h"
 
 namespace voxelpipe {
 namespace {
 
 constexpr uint64_t kBlockBytes = 1 << 20;  // before compression
-constexpr size_t kBatchBlocks = 16;        // compressed at the same time
+constexpr uint64_t kBatchBlocks = 16;      // compressed at the same time
 
 std::string_view VtkName(ElementType type) {
   switch (PlainTypeOf(type)) {
@@ -33,7 +35,7 @@ std::string_view VtkName(ElementType type) {
 
 class VtiFile final : public ResultFile {
  public:
-  VtiFile(std::string path, const JobContext* job) : path_(std::move(path)), job_(job) {}
+  VtiFile(std::string path, const JobContext* job) : path_(std::move(path)), job_(job), memory_(&MemoryOf(job)) {}
 
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(".vti", header.kind, header.specs.size()); !s.ok()) return s;
@@ -57,6 +59,7 @@ class VtiFile final : public ResultFile {
     file_.emplace(*std::move(file));
     // The table of a compressed array stands before its blocks, whose sizes are known only after them.
     compresses_ = file_->can_write_at();
+    if (absl::Status s = memory_.Grow(BufferBytes(), "compression:"); !s.ok()) return s;
     if (!compresses_) {
       uint64_t offset = 0;
       for (Output& output : outputs_) {
@@ -98,6 +101,20 @@ class VtiFile final : public ResultFile {
   }
 
  private:
+  uint64_t BufferBytes() const {
+    uint64_t most = 0, bytes = 0;
+    for (const Output& output : outputs_) most = std::max(most, output.bytes);
+    for (size_t i = 0; i < elements_.size(); ++i) {
+      const uint64_t count = header_.grid.voxels() * uint64_t(header_.specs[i].components);
+      bytes += PlainElements::MemoryBytes(header_.arrays[i].type, count);
+    }
+    if (!compresses_) return bytes;
+    const uint64_t batch = std::min(most, kBatchBlocks * kBlockBytes);
+    // The batch, its compressed blocks, and the table, once as zeros.
+    return bytes + batch + (batch / kBlockBytes + 1) * ZlibBlockBytes(std::min(batch, kBlockBytes)) +
+           2 * (3 + most / kBlockBytes + 1) * sizeof(uint64_t);
+  }
+
   struct Output {
     std::string name;
     std::string_view type;
@@ -138,8 +155,10 @@ class VtiFile final : public ResultFile {
     received_ = 0;
     if (!compresses_) return Append(Bytes().Put(output.bytes).span());
     output.offset = at_ - data_begin_;
-    table_.assign(3, 0);
     const uint64_t blocks = (output.bytes + kBlockBytes - 1) / kBlockBytes;
+    table_.reserve(3 + blocks);
+    table_.assign(3, 0);
+    batch_.reserve(size_t(std::min(output.bytes, kBatchBlocks * kBlockBytes)));
     return Append(std::vector<uint8_t>((3 + blocks) * sizeof(uint64_t)));
   }
 
@@ -147,7 +166,7 @@ class VtiFile final : public ResultFile {
     if (!compresses_) return Append(bytes);
     while (!bytes.empty()) {
       const std::span<const uint8_t> piece =
-          bytes.first(std::min(bytes.size(), kBatchBlocks * kBlockBytes - batch_.size()));
+          bytes.first(std::min<size_t>(bytes.size(), kBatchBlocks * kBlockBytes - batch_.size()));
       batch_.insert(batch_.end(), piece.begin(), piece.end());
       bytes = bytes.subspan(piece.size());
       if (batch_.size() < kBatchBlocks * kBlockBytes) break;
@@ -159,10 +178,18 @@ class VtiFile final : public ResultFile {
   absl::Status WriteBatch() {
     const size_t blocks = (batch_.size() + kBlockBytes - 1) / kBlockBytes;
     std::vector<std::vector<uint8_t>> compressed(blocks);
+    std::atomic<bool> stopped{false};
     tbb::parallel_for(size_t{0}, blocks, [&](size_t i) {
       const std::span<const uint8_t> rest = std::span<const uint8_t>(batch_).subspan(i * kBlockBytes);
-      compressed[i] = ZlibBlock(rest.first(std::min<size_t>(rest.size(), kBlockBytes)));
+      absl::StatusOr<std::vector<uint8_t>> block =
+          ZlibBlock(rest.first(std::min<size_t>(rest.size(), kBlockBytes)), job_);
+      if (!block.ok()) {
+        stopped = true;
+        return;
+      }
+      compressed[i] = *std::move(block);
     });
+    if (stopped) return job_->Check();
     batch_.clear();
     for (const std::vector<uint8_t>& block : compressed) {
       table_.push_back(block.size());
@@ -183,6 +210,7 @@ class VtiFile final : public ResultFile {
 
   std::string path_;
   const JobContext* job_;
+  MemoryCharge memory_;
   ResultHeader header_;
   std::optional<AtomicFile> file_;
   bool compresses_ = false;

@@ -15,6 +15,7 @@
 #include "encode/formats/writers.h"
 #include "encode/formats/zarr_level.h"
 #include "encode/npy.h"
+#include "job/job_work.h"
 
 namespace voxelpipe {
 namespace {
@@ -26,7 +27,7 @@ constexpr uint64_t kMaxLastLevel = 256;
 
 class ZarrDirectory final : public ResultFile {
  public:
-  ZarrDirectory(std::string path, const JobContext* job) : path_(std::move(path)), job_(job) {}
+  ZarrDirectory(std::string path, const JobContext* job) : path_(std::move(path)), job_(job), memory_(&MemoryOf(job)) {}
 
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(".zarr", header.kind, header.specs.size()); !s.ok()) return s;
@@ -44,7 +45,11 @@ class ZarrDirectory final : public ResultFile {
       image.prefix = several ? header.arrays[i].name + "/" : "";
       image.type = header.arrays[i].type;
       image.components = uint64_t(header.specs[i].components);
-      image.elements.emplace(image.type, header.grid.voxels() * image.components);
+      const uint64_t count = header.grid.voxels() * image.components;
+      if (absl::Status s = memory_.Grow(NpyElements::MemoryBytes(image.type, count), "elements of a file:"); !s.ok()) {
+        return s;
+      }
+      image.elements.emplace(image.type, count);
       AddLevels(image);
       if (absl::Status s = WriteMetadata(image, header.arrays[i].name); !s.ok()) return s;
       images_.push_back(std::move(image));
@@ -154,6 +159,7 @@ class ZarrDirectory final : public ResultFile {
 
   std::string path_;
   const JobContext* job_;
+  MemoryCharge memory_;
   ResultHeader header_;
   std::optional<AtomicDirectory> directory_;
   std::vector<Image> images_;  // one a target

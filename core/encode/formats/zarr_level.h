@@ -29,7 +29,8 @@ class ZarrLevel {
   // largest magnitude of its up to eight voxels, so that thin surfaces do not disappear.
   ZarrLevel& AddHalf(std::string path);
 
-  // The next elements, as in a .npy (NpyElements). Writes each row of chunks that is complete.
+  // The next elements, as in a .npy (NpyElements). Writes each row of chunks that is complete. Errors: the system's, the
+  // job's, and those of its memory, to which the layers of a row of chunks are charged: bits are kept as bits.
   absl::Status Write(std::span<const uint8_t> bytes);
 
   bool complete() const { return planes_done_ == planes_; }
@@ -38,10 +39,18 @@ class ZarrLevel {
 
  private:
   uint64_t SlabLayers() const { return std::min(chunk_[0], dims_[0] - layers_done_); }
-  uint64_t SlabBytes() const { return SlabLayers() * dims_[1] * dims_[2] * together_ * element_bytes_; }
+  // Elements of a row along x; of the layers of a row of chunks.
+  uint64_t RowElements() const { return dims_[2] * together_; }
+  uint64_t SlabElements() const { return SlabLayers() * dims_[1] * RowElements(); }
+  absl::Status Begin();
+  void Append(std::span<const uint8_t> bytes);
+  // Row j of layer k of the slab. `space`, of a row, is used for bits.
+  const uint8_t* Row(uint64_t k, uint64_t j, std::vector<uint8_t>& space) const;
   absl::Status WriteSlab();
   absl::Status WriteChunk(uint64_t component, uint64_t row, uint64_t column) const;
-  std::vector<uint8_t> HalfOfSlab() const;
+  absl::Status WriteHalf();
+  template <typename T>
+  void HalveLayer(uint64_t layer, T mask, std::vector<uint8_t>& out) const;
 
   std::string path_;
   ElementType type_;
@@ -49,7 +58,10 @@ class ZarrLevel {
   uint64_t planes_, together_, element_bytes_;
   const AtomicDirectory& parts_;
   const JobContext* job_;
-  std::vector<uint8_t> slab_;                   // layers that wait for a row of chunks
+  MemoryCharge memory_;
+  bool begun_ = false;
+  std::vector<uint8_t> slab_;  // layers that wait for a row of chunks; element n of bits is bit n%8 of byte n/8
+  uint64_t slab_bits_ = 0;     // of bits, the elements in it
   uint64_t planes_done_ = 0, layers_done_ = 0;  // layers of the present plane
   std::unique_ptr<ZarrLevel> half_;
 };

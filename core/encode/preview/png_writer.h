@@ -6,6 +6,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "base/job_context.h"
 
 namespace voxelpipe {
 
@@ -15,7 +16,9 @@ struct Picture {
   std::vector<uint8_t> rgb;   // 3 * width * height
 };
 
-// The PNG file's bytes. INTERNAL with libpng's message if it fails.
-absl::StatusOr<std::vector<uint8_t>> EncodePng(const Picture& picture);
+// The PNG file's bytes. `job` may be null. Errors: the job's; INTERNAL with libpng's message if it fails.
+absl::StatusOr<std::vector<uint8_t>> EncodePng(const Picture& picture, const JobContext* job = nullptr);
+// The most memory that it allocates.
+uint64_t PngMemoryBytes(int width, int height);
 
 }  // namespace voxelpipe

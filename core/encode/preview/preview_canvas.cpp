@@ -88,7 +88,7 @@ void Canvas::Text(int x, int y, int dot, std::string_view text, Vec3f colour) {
   }
 }
 
-Picture Canvas::ToPicture() const {
+Picture Canvas::ToPicture(const JobContext* job) const {
   constexpr float kDither[4] = {-0.375f, 0.125f, 0.375f, -0.125f};
   // The curve at 4096 steps, finer than a tenth of a level: the picture has millions of values.
   static const auto table = [] {
@@ -98,6 +98,7 @@ Picture Canvas::ToPicture() const {
   }();
   Picture picture{width_, height_, std::vector<uint8_t>(pixels_.size() * 3)};
   tbb::parallel_for(tbb::blocked_range<int>(0, height_, 16), [&](const auto& rows) {
+    if (job != nullptr && !job->Check().ok()) return;
     for (size_t n = size_t(rows.begin()) * size_t(width_); n < size_t(rows.end()) * size_t(width_); ++n) {
       const size_t x = n % size_t(width_), y = n / size_t(width_);
       const float dither = 0.5f + kDither[(x % 2) + 2 * (y % 2)];

@@ -4,6 +4,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/job_context.h"
 #include "base/vec.h"
 #include "encode/preview/png_writer.h"
 
@@ -41,7 +42,8 @@ class Canvas {
   static int TextHeight(int dot) { return 7 * dot; }
 
   // To 8-bit sRGB, with an ordered dither below one step so that smooth backgrounds show no bands.
-  Picture ToPicture() const;
+  // Returns early at the end of `job`, which may be null: look at the job before use.
+  Picture ToPicture(const JobContext* job = nullptr) const;
 
  private:
   int width_, height_;

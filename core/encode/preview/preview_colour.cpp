@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -52,7 +53,7 @@ Vec3f InsideColour() {
   return colour;
 }
 
-PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume)
+PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume, const JobContext* job)
     : volume_(volume), items_(result) {
   int chosen = -1;
   for (size_t i = 0; i < result.specs.size(); ++i) {
@@ -83,11 +84,11 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   clear_ = IsInteger(spec.format) ? float(cell) : FloatOf(cell);
   srgb_ = spec.encoding == Encoding::kSrgb;
   if (spec.components < 3 || !(unit_ > 0)) {
-    FindRange(result, volume);
+    FindRange(result, job);
     if (low_ < high_) kind_ = Kind::kScalar;
   } else if (spec.shader.name == "velocity") {
     kind_ = Kind::kLength;
-    FindRange(result, volume);
+    FindRange(result, job);
     if (!(low_ < high_)) kind_ = Kind::kPlain;
   } else if (spec.shader.name == "normal" || spec.shader.name == "geometric_normal") {
     kind_ = Kind::kUnitVector;
@@ -96,7 +97,7 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   }
 }
 
-void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume& volume) {
+void PreviewColours::FindRange(const VoxelizeResult& result, const JobContext* job) {
   using Range = std::pair<float, float>;
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   const auto include = [this](Range& found, uint64_t item) {
@@ -108,18 +109,17 @@ void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume
   };
   Range range{kInfinity, -kInfinity};
   if (result.kind == ResultKind::kDense) {
-    const auto& dims = volume.dims();
     range = tbb::parallel_reduce(
-        tbb::blocked_range<int64_t>(volume.lo()[2], std::max(volume.lo()[2], volume.hi()[2])), range,
-        [&](const auto& slab, Range found) {
-          for (int64_t k = slab.begin(); k < slab.end(); ++k) {
-            for (int64_t j = 0; j < dims[1]; ++j) {
-              for (int64_t i = 0; i < dims[0]; i += 32) {
-                for (uint32_t word = volume.Row(i, j, k, 32); word != 0; word &= word - 1) {
-                  include(found, volume.Linear(i + __builtin_ctz(word), j, k));
-                }
-              }
-            }
+        tbb::blocked_range<int64_t>(0, volume_.layers()), range,
+        [&](const auto& layers, Range found) {
+          if (!CheckJob(job).ok()) return found;
+          JobPoll poll(job);
+          for (int64_t layer = layers.begin(); layer < layers.end(); ++layer) {
+            const int64_t k = volume_.Layer(layer);
+            const absl::Status s = volume_.VisitRows(k, poll, [&](int64_t i, int64_t j, uint32_t word) {
+              for (; word != 0; word &= word - 1) include(found, volume_.Linear(i + std::countr_zero(word), j, k));
+            });
+            if (!s.ok()) break;
           }
           return found;
         },
@@ -128,6 +128,7 @@ void PreviewColours::FindRange(const VoxelizeResult& result, const PreviewVolume
     range = tbb::parallel_reduce(
         tbb::blocked_range<uint64_t>(0, items_.count(), 1 << 14), range,
         [&](const auto& part, Range found) {
+          if (!CheckJob(job).ok()) return found;
           for (uint64_t item = part.begin(); item < part.end(); ++item) include(found, item);
           return found;
         },

@@ -17,10 +17,12 @@ float ColourUnit(const TargetSpec& spec);
 // The colour of the inside of a solid, linear RGB.
 Vec3f InsideColour();
 
-// The rules are at RenderPreview. Borrows the result and the volume, which must outlive it.
+// The rules are at RenderPreview. Borrows the result and the volume, which must outlive it. Allocates
+// PreviewItems::MemoryBytes.
 class PreviewColours {
  public:
-  PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume);
+  // `job` may be null. At its end the constructor returns early, with colours that mean nothing: look at the job next.
+  PreviewColours(const VoxelizeResult& result, const PreviewVolume& volume, const JobContext* job = nullptr);
 
   // Linear RGB in [0, 1] of solid voxel n of the linear order. InsideColour() for a voxel inside a solid (all
   // neighbours in the grid are solid) that holds `clear`, as fills leave it for shaders that need a triangle.
@@ -31,6 +33,7 @@ class PreviewColours {
   bool has_normals() const { return has_normals_; }
   // The unit normal stored for voxel n, world axes; empty if it has none.
   std::optional<Vec3f> NormalAt(uint64_t n) const;
+  const PreviewItems& items() const { return items_; }
 
  private:
   enum class Kind { kPlain, kLinearRgb, kUnitVector, kScalar, kLength, kFragments };
@@ -39,7 +42,7 @@ class PreviewColours {
   float NumberOf(uint64_t item) const;
   // True if the chosen target holds `clear` in every component of the item.
   bool IsClear(uint64_t item) const;
-  void FindRange(const VoxelizeResult& result, const PreviewVolume& volume);
+  void FindRange(const VoxelizeResult& result, const JobContext* job);
 
   const PreviewVolume& volume_;
   PreviewItems items_;

@@ -27,7 +27,7 @@ double Shade(const PreviewScene& scene, const Vec3d& through) {
   const Vec3d& eye = scene.frame().eye;
   const Vec3d point = through + eye * ((scene.floor_height() - through.y) / eye.y);
   // Soft contact shadow: the density above the point, with more weight on near levels.
-  const double open = scene.Open(point, {0, 1, 0}, std::max(1.5, scene.volume().CellSize(0)));
+  const double open = scene.Open(point, {0, 1, 0}, std::max(1.5, scene.cells().CellSize(0)));
   const double lit = 1 - 0.45 * BlockedShare(scene, point);
   const Vec3d away = point - scene.centre();
   const double fade = 1 - SmoothStep(1.0, 2.4, std::hypot(away.x, away.z) / scene.radius());
@@ -43,15 +43,26 @@ Vec3f Node(const PreviewScene& scene, double x, double y) {
   return (light_tone + (shadow_tone - light_tone) * float(0.8 * shade)) * float(vignette);
 }
 
+// Pixels between two nodes.
+int StepOf(const PixelRect& rect) {
+  return std::max(1, std::min(rect.width, rect.height) / 160);
+}
+
 }  // namespace
 
-PreviewGround::PreviewGround(const PreviewScene& scene, const PixelRect& rect) : rect_(rect) {
-  const int step = std::max(1, std::min(rect.width, rect.height) / 160);  // pixels
+uint64_t PreviewGround::MemoryBytes(const PixelRect& rect) {
+  const int step = StepOf(rect);
+  return uint64_t(rect.width / step + 2) * uint64_t(rect.height / step + 2) * sizeof(Vec3f);
+}
+
+PreviewGround::PreviewGround(const PreviewScene& scene, const PixelRect& rect, const JobContext* job) : rect_(rect) {
+  const int step = StepOf(rect);
   inverse_step_ = 1 / float(step);
   columns_ = rect.width / step + 2;
   const int rows = rect.height / step + 2;
   nodes_.resize(size_t(columns_) * size_t(rows));
   tbb::parallel_for(tbb::blocked_range2d<int>(0, rows, 8, 0, columns_, 8), [&](const auto& tile) {
+    if (!CheckJob(job).ok()) return;
     for (int y = tile.rows().begin(); y < tile.rows().end(); ++y) {
       for (int x = tile.cols().begin(); x < tile.cols().end(); ++x) {
         nodes_[size_t(y) * size_t(columns_) + size_t(x)] = Node(scene, rect.x + x * step, rect.y + y * step);

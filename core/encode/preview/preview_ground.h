@@ -12,7 +12,10 @@ namespace voxelpipe {
 // The light on the ground is smooth: it is computed at the nodes of a coarse lattice and interpolated.
 class PreviewGround {
  public:
-  PreviewGround(const PreviewScene& scene, const PixelRect& rect);
+  // Returns early at the end of `job`, which may be null: look at the job before use.
+  PreviewGround(const PreviewScene& scene, const PixelRect& rect, const JobContext* job);
+  // What the constructor allocates.
+  static uint64_t MemoryBytes(const PixelRect& rect);
 
   // Linear RGB at the centre of a pixel of the rectangle, without the voxels.
   Vec3f At(int px, int py) const {

@@ -15,9 +15,9 @@ Vec3d RelativeVoxelSize(const GridSpec& grid) {
   return relative;
 }
 
-PreviewScene::PreviewScene(const PreviewVolume& volume, const GridSpec& grid, const PreviewView& view,
-                           const PixelRect& rect)
-    : volume_(volume), rect_(rect), scale_(RelativeVoxelSize(grid)), frame_(FrameOf(view)) {
+PreviewScene::PreviewScene(const PreviewCells& cells, const GridSpec& grid, const PreviewView& view,
+                           const PixelRect& rect, const JobContext* job)
+    : cells_(cells), rect_(rect), scale_(RelativeVoxelSize(grid)), frame_(FrameOf(view)) {
   inverse_ = {1 / scale_.x, 1 / scale_.y, 1 / scale_.z};
   ground_share_ = SmoothStep(0.05, 0.25, frame_.eye.y);
   light_ = Unit(frame_.right * -0.55 + frame_.up * 0.75 + frame_.eye * 0.62);
@@ -28,7 +28,7 @@ PreviewScene::PreviewScene(const PreviewVolume& volume, const GridSpec& grid, co
     lights_[i] = Unit(light_ + frame_.right * (spread * std::cos(angle)) + frame_.up * (spread * std::sin(angle)));
   }
   Fit();
-  FindDepths();
+  FindDepths(job);
 }
 
 PreviewScene::Shown PreviewScene::Show(const Vec3d& low, const Vec3d& high) const {
@@ -50,15 +50,15 @@ void PreviewScene::Fit() {
   middle_y_ = rect_.y + rect_.height / 2.0;
   Vec3d low, high;
   for (int a = 0; a < 3; ++a) {
-    low[a] = double(volume_.lo()[size_t(a)]) * scale_[a];
-    high[a] = double(volume_.hi()[size_t(a)]) * scale_[a];
+    low[a] = double(cells_.lo()[size_t(a)]) * scale_[a];
+    high[a] = double(cells_.hi()[size_t(a)]) * scale_[a];
   }
   centre_ = (low + high) * 0.5;
   const Vec3d half = (high - low) * 0.5;
   radius_ = std::max(1.0, std::sqrt(Dot(half, half)));
   // The frame fits the solid voxels, not their box, which would leave half of an isometric picture empty.
   double left = 1e300, rightmost = -1e300, bottom = 1e300, top = -1e300;
-  volume_.VisitCells([&](const Vec3d& cell_low, const Vec3d& cell_high) {
+  cells_.VisitCells([&](const Vec3d& cell_low, const Vec3d& cell_high) {
     const Shown cell = Show(cell_low, cell_high);
     left = std::min(left, cell.x - cell.across);
     rightmost = std::max(rightmost, cell.x + cell.across);
@@ -72,11 +72,14 @@ void PreviewScene::Fit() {
 }
 
 // For each tile of the picture the depth of its nearest cell with voxels, where its rays start.
-void PreviewScene::FindDepths() {
+void PreviewScene::FindDepths(const JobContext* job) {
+  JobPoll poll(job);
+  bool stopped = false;
   depth_columns_ = rect_.width / kDepthTile + 1;
   const int rows = rect_.height / kDepthTile + 1;
   depths_.assign(size_t(depth_columns_) * size_t(rows), kNothing);
-  volume_.VisitCells([&](const Vec3d& low, const Vec3d& high) {
+  cells_.VisitCells([&](const Vec3d& low, const Vec3d& high) {
+    if (stopped) return;
     const Shown cell = Show(low, high);
     const auto tile = [](double pixel, int limit) {
       return std::clamp(int(std::floor(pixel / kDepthTile)), 0, limit - 1);
@@ -85,6 +88,7 @@ void PreviewScene::FindDepths() {
     const double x = cell.x * pixels_ + middle_x_ - rect_.x, across = cell.across * pixels_ + kSlack;
     const double y = middle_y_ - cell.y * pixels_ - rect_.y, along = cell.along * pixels_ + kSlack;
     const int left = tile(x - across, depth_columns_), right = tile(x + across, depth_columns_);
+    stopped = !poll.Add(uint64_t(right - left + 1)).ok();
     for (int row = tile(y - along, rows); row <= tile(y + along, rows); ++row) {
       for (int column = left; column <= right; ++column) {
         double& depth = depths_[size_t(row) * size_t(depth_columns_) + size_t(column)];
@@ -103,10 +107,10 @@ double PreviewScene::Open(const Vec3d& point, const Vec3d& normal, double first_
   double open = 0;
   for (const Vec3d& cone : cones) {
     double through = 1, distance = first_step;
-    for (int level = 0; level < volume_.levels() && distance < radius_ && through > 0.02; ++level) {
-      const double density = volume_.Density(level, ToIndex(point + cone * distance));
+    for (int level = 0; level < cells_.levels() && distance < radius_ && through > 0.02; ++level) {
+      const double density = cells_.Density(level, ToIndex(point + cone * distance));
       through *= 1 - std::min(1.0, 1.3 * density) * (1 - distance * fade);
-      distance = std::max(distance * 1.8, 1.1 * volume_.CellSize(level + 1));
+      distance = std::max(distance * 1.8, 1.1 * cells_.CellSize(level + 1));
     }
     open += through;
   }

@@ -8,8 +8,8 @@
 
 #include "base/vec.h"
 #include "encode/preview/preview_canvas.h"
+#include "encode/preview/preview_cells.h"
 #include "encode/preview/preview_view.h"
-#include "encode/preview/preview_volume.h"
 #include "grid/grid_spec.h"
 
 namespace voxelpipe {
@@ -28,12 +28,15 @@ inline Vec3d Unit(const Vec3d& v) {
   return length > 0 ? v * (1 / length) : v;
 }
 
-// "Scaled" space is index space times the relative voxel size: square, +Y up. Borrows the volume, which is not empty.
+// Its constructor returns early at the end of `job`, which may be null: look at the job before use.
+//
+// "Scaled" space is index space times the relative voxel size: square, +Y up. Borrows the cells, which are not empty.
 class PreviewScene {
  public:
-  PreviewScene(const PreviewVolume& volume, const GridSpec& grid, const PreviewView& view, const PixelRect& rect);
+  PreviewScene(const PreviewCells& cells, const GridSpec& grid, const PreviewView& view, const PixelRect& rect,
+               const JobContext* job);
 
-  const PreviewVolume& volume() const { return volume_; }
+  const PreviewCells& cells() const { return cells_; }
   const Vec3d& scale() const { return scale_; }
   const ViewFrame& frame() const { return frame_; }
   // Towards the light, which stands above the viewer's left shoulder.
@@ -43,7 +46,7 @@ class PreviewScene {
   const std::array<Vec3d, kLights>& lights() const { return lights_; }
   const Vec3d& centre() const { return centre_; }  // of the solid box, scaled
   double radius() const { return radius_; }        // of the solid box, scaled; at least 1
-  double floor_height() const { return double(volume_.lo()[1]) * scale_.y; }
+  double floor_height() const { return double(cells_.lo()[1]) * scale_.y; }
   double pixels() const { return pixels_; }  // a unit of scaled space
   // How much of the ground is shown: 0 for views from below or along it, 1 for views from well above.
   double ground_share() const { return ground_share_; }
@@ -60,7 +63,7 @@ class PreviewScene {
     return depths_[size_t((y - rect_.y) / kDepthTile) * size_t(depth_columns_) + size_t((x - rect_.x) / kDepthTile)];
   }
   PreviewHit Trace(const Vec3d& origin, const Vec3d& direction, double length) const {
-    return volume_.Trace(ToIndex(origin), ToIndex(direction), 0, length);
+    return cells_.Trace(ToIndex(origin), ToIndex(direction), 0, length);
   }
   // The open share, 0 to 1, of the half space around `normal`; cones start `first_step` above the point.
   double Open(const Vec3d& point, const Vec3d& normal, double first_step) const;
@@ -72,9 +75,9 @@ class PreviewScene {
   };
   Shown Show(const Vec3d& low, const Vec3d& high) const;
   void Fit();
-  void FindDepths();
+  void FindDepths(const JobContext* job);
 
-  const PreviewVolume& volume_;
+  const PreviewCells& cells_;
   PixelRect rect_;
   Vec3d scale_, inverse_;
   ViewFrame frame_;

@@ -51,8 +51,8 @@ size_t SlotOf(uint64_t face) {
 
 class Shader {
  public:
-  Shader(const PreviewScene& scene, const PreviewColours& colours, const PixelRect& rect)
-      : scene_(scene), colours_(colours), ground_(scene, rect), cubic_(SmoothStep(2.5, 16, scene.pixels())) {}
+  Shader(const PreviewScene& scene, const PreviewColours& colours, const PixelRect& rect, const JobContext* job)
+      : scene_(scene), colours_(colours), ground_(scene, rect, job), cubic_(SmoothStep(2.5, 16, scene.pixels())) {}
 
   // True if rays through the pixel can meet voxels.
   bool MayHit(int px, int py) const { return scene_.NearestDepth(px, py) != PreviewScene::kNothing; }
@@ -95,7 +95,7 @@ Vec3d Shader::SmoothNormal(const std::array<int64_t, 3>& voxel, const Vec3d& fac
   const int64_t x = voxel[0] + int64_t(face.x), y = voxel[1] + int64_t(face.y), z = voxel[2] + int64_t(face.z);
   for (int dz = -kReach; dz <= kReach; ++dz) {
     for (int dy = -kReach; dy <= kReach; ++dy) {
-      const auto& row = table[scene_.volume().Row(x - kReach, y + dy, z + dz, kWidth)];
+      const auto& row = table[scene_.cells().volume().Row(x - kReach, y + dy, z + dz, kWidth)];
       sum_x += row[1];
       sum_y += row[0] * dy;
       sum_z += row[0] * dz;
@@ -115,7 +115,7 @@ double Shader::CornerLight(const PreviewHit& hit, int sign, const Vec3d& index_p
     v[size_t(a)] += sign;
     v[size_t(b)] += db;
     v[size_t(c)] += dc;
-    return scene_.volume().Solid(v[0], v[1], v[2]) ? 1 : 0;
+    return scene_.cells().volume().Solid(v[0], v[1], v[2]) ? 1 : 0;
   };
   const double fb = std::clamp(index_point[b] - double(hit.voxel[size_t(b)]), 0.0, 1.0);
   const double fc = std::clamp(index_point[c] - double(hit.voxel[size_t(c)]), 0.0, 1.0);
@@ -163,7 +163,7 @@ Vec3f Shader::Surface(const PreviewHit& hit, uint64_t voxel, const Vec3d& point,
     normal = Unit(smooth * (1 - 0.75 * cubic_) + face * (0.12 + 0.75 * cubic_));
   }
 
-  const double cell = scene_.volume().CellSize(0), radius = scene_.radius();
+  const double cell = scene_.cells().CellSize(0), radius = scene_.radius();
   const Vec3d apart = point - shared.point;
   if (!shared.valid || Dot(apart, apart) > std::max(4.0, cell * cell) || Dot(smooth, shared.normal) < 0.7) {
     shared.valid = true;
@@ -216,7 +216,7 @@ Vec3f Shader::At(int px, int py, double x, double y, SharedLight& shared) const 
   const Vec3d origin = scene_.PointAt(x, y) + eye * back;
   const PreviewHit hit = scene_.Trace(origin, eye * -1.0, back + 2 * scene_.radius());
   if (!hit.hit) return ground_.At(px, py);
-  const uint64_t voxel = scene_.volume().Linear(hit.voxel[0], hit.voxel[1], hit.voxel[2]);
+  const uint64_t voxel = scene_.cells().volume().Linear(hit.voxel[0], hit.voxel[1], hit.voxel[2]);
   const uint64_t face = FaceOf(voxel, hit.axis);
   SharedLight::Face& met = shared.faces[SlotOf(face)];
   if (PlainFaces() && met.face == face && met.coloured) return met.colour;
@@ -280,14 +280,19 @@ void DrawAxes(const ViewFrame& frame, const PixelRect& rect, Canvas& canvas) {
 
 }  // namespace
 
-absl::Status DrawView(const PreviewVolume& volume, const PreviewColours& colours, const GridSpec& grid,
+absl::Status DrawView(const PreviewCells& cells, const PreviewColours& colours, const GridSpec& grid,
                       const PreviewView& view, const PixelRect& rect, int samples, const JobContext* job,
                       Canvas& canvas) {
-  const PreviewScene scene(volume, grid, view, rect);
-  const Shader shader(scene, colours, rect);
+  const uint64_t pixels = uint64_t(rect.width) * uint64_t(rect.height);
+  MemoryCharge memory(&MemoryOf(job));
+  // The first pass, and the depths of tiles.
+  if (absl::Status s = memory.Grow(pixels, sizeof(Vec3f) + 1, "a view:"); !s.ok()) return s;
+  if (absl::Status s = memory.Grow(PreviewGround::MemoryBytes(rect), "the ground of a view:"); !s.ok()) return s;
+  const PreviewScene scene(cells, grid, view, rect, job);
+  const Shader shader(scene, colours, rect, job);
   const auto at = [&rect](int x, int y) { return size_t(y) * size_t(rect.width) + size_t(x); };
   // The rays of a pixel are those of a lattice; the first pass takes one of them.
-  std::vector<Vec3f> first(size_t(rect.width) * size_t(rect.height));
+  std::vector<Vec3f> first(pixels);
   const auto ray = [&](int px, int py, int s, SharedLight& shared) {
     return shader.At(px, py, px + (s % samples + 0.5) / samples, py + (s / samples + 0.5) / samples, shared);
   };

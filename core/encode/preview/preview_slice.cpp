@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -59,7 +60,7 @@ Slice Place(const PreviewVolume& volume, const Vec3d& size, int axis, const Pixe
   return slice;
 }
 
-void Sample(const PreviewVolume& volume, const PreviewColours& colours, Slice& slice) {
+absl::Status Sample(const PreviewVolume& volume, const PreviewColours& colours, const JobContext* job, Slice& slice) {
   const SliceAxes& axes = kAxes[size_t(slice.axis)];
   const int64_t columns = volume.dims()[size_t(axes.across)], rows = volume.dims()[size_t(axes.upwards)];
   const int width = slice.image.width, height = slice.image.height;
@@ -67,9 +68,13 @@ void Sample(const PreviewVolume& volume, const PreviewColours& colours, Slice& s
   // Sample points of a pixel per direction: enough to hit each of up to 8 voxels under it.
   const int points_across = int(std::clamp<int64_t>(columns / width + 1, 2, 8));
   const int points_up = int(std::clamp<int64_t>(rows / height + 1, 2, 8));
+  std::atomic<bool> stopped{false};
   tbb::parallel_for(tbb::blocked_range<int>(0, height, 16), [&](const auto& range) {
+    JobPoll poll(job);
     for (int y = range.begin(); y < range.end(); ++y) {
+      if (stopped) return;
       for (int x = 0; x < width; ++x) {
+        if (!poll.Add(uint64_t(points_across * points_up)).ok()) stopped = true;
         Vec3f sum;
         int solid = 0;
         for (int point = 0; point < points_across * points_up; ++point) {
@@ -91,6 +96,7 @@ void Sample(const PreviewVolume& volume, const PreviewColours& colours, Slice& s
       }
     }
   });
+  return stopped ? job->Check() : absl::OkStatus();
 }
 
 // Whether an eye tells the colours apart.
@@ -181,8 +187,11 @@ void Draw(const PreviewVolume& volume, const Slice& slice, const Vec3f& paper, C
 
 }  // namespace
 
-void DrawSlices(const PreviewVolume& volume, const PreviewColours& colours, const GridSpec& grid,
-                const PixelRect& column, Canvas& canvas) {
+absl::Status DrawSlices(const PreviewVolume& volume, const PreviewColours& colours, const GridSpec& grid,
+                        const PixelRect& column, const JobContext* job, Canvas& canvas) {
+  const uint64_t pixels = uint64_t(column.width) * uint64_t(column.height);
+  MemoryCharge memory(&MemoryOf(job));
+  if (absl::Status s = memory.Grow(pixels, sizeof(Slice::Pixel), "slices:"); !s.ok()) return s;
   const Vec3d size = RelativeVoxelSize(grid);
   const int margin = std::max(2, column.width / 16);
   const int height = (column.height - 4 * margin) / 3;
@@ -191,10 +200,11 @@ void DrawSlices(const PreviewVolume& volume, const PreviewColours& colours, cons
     const PixelRect rect{column.x + margin, column.y + margin + axis * (height + margin), column.width - 2 * margin,
                          height};
     slices[size_t(axis)] = Place(volume, size, axis, rect);
-    Sample(volume, colours, slices[size_t(axis)]);
+    if (absl::Status s = Sample(volume, colours, job, slices[size_t(axis)]); !s.ok()) return s;
   }
   const Vec3f paper = ChoosePaper(slices);
   for (const Slice& slice : slices) Draw(volume, slice, paper, canvas);
+  return absl::OkStatus();
 }
 
 }  // namespace voxelpipe

@@ -1,6 +1,7 @@
 // The slices of the preview.
 #pragma once
 
+#include "absl/status/status.h"
 #include "encode/preview/preview_canvas.h"
 #include "encode/preview/preview_colour.h"
 #include "encode/preview/preview_volume.h"
@@ -12,8 +13,9 @@ namespace voxelpipe {
 // +Z; for x and z +Y is up, for y -Z is up. Each has a caption ("x = 64") and two arrows along its edges, which point
 // along the grid's axes and have their letter and their range in index space: 0 and the number of voxels. A pixel
 // smaller than a voxel shows the voxel, a larger one the average of those it covers. The paper is white, or, where that
-// hides the voxels, the one of three tones that they stand out from best.
-void DrawSlices(const PreviewVolume& volume, const PreviewColours& colours, const GridSpec& grid,
-                const PixelRect& column, Canvas& canvas);
+// hides the voxels, the one of three tones that they stand out from best. Errors: the job's, to whose memory a colour a
+// pixel is charged; it may be null.
+absl::Status DrawSlices(const PreviewVolume& volume, const PreviewColours& colours, const GridSpec& grid,
+                        const PixelRect& column, const JobContext* job, Canvas& canvas);
 
 }  // namespace voxelpipe

@@ -5,6 +5,7 @@
 #include <span>
 
 #include "absl/strings/str_cat.h"
+#include "job/job_work.h"
 
 namespace voxelpipe {
 namespace {
@@ -19,30 +20,37 @@ absl::Status Malformed(std::string_view array) {
   return absl::InvalidArgumentError(absl::StrCat("preview: array '", std::string(array), "' does not fit the result"));
 }
 
-bool AscendsBelow(std::span<const uint64_t> values, uint64_t limit) {
+// OK if the values ascend and are below `limit`.
+absl::Status CheckAscends(std::span<const uint64_t> values, uint64_t limit, std::string_view array,
+                          const JobContext* job) {
+  JobPoll poll(job);
   for (size_t i = 1; i < values.size(); ++i) {
-    if (values[i] <= values[i - 1]) return false;
+    if (values[i] <= values[i - 1]) return Malformed(array);
+    if (absl::Status s = poll.Add(1); !s.ok()) return s;
   }
-  return values.empty() || values.back() < limit;
+  return values.empty() || values.back() < limit ? absl::OkStatus() : Malformed(array);
 }
 
 }  // namespace
 
-absl::Status CheckArrays(const VoxelizeResult& result) {
+absl::Status CheckArrays(const VoxelizeResult& result, const JobContext* job) {
   if (result.targets.size() != result.specs.size()) return Malformed("target0");
   const uint64_t bricks = result.listed_bricks();
   if (result.kind == ResultKind::kSparse) {
     uint64_t limit = 1;
     for (const int64_t dim : result.grid.dims) limit *= (uint64_t(dim) + kBrick - 1) / kBrick;
-    if (!AscendsBelow(Words(result.bricks), limit)) return Malformed("brick");
+    if (absl::Status s = CheckAscends(Words(result.bricks), limit, "brick", job); !s.ok()) return s;
     if (result.masks.size() != bricks * kMaskWords * sizeof(uint64_t)) return Malformed("mask");
   } else if (result.kind == ResultKind::kBuckets) {
-    if (!AscendsBelow(Words(result.voxels), result.grid.voxels())) return Malformed("voxel");
+    absl::Status s = CheckAscends(Words(result.voxels), result.grid.voxels(), "voxel", job);
+    if (!s.ok()) return s;
     const std::span<const uint64_t> offsets = Words(result.offsets);
     const bool ends = offsets.size() == result.listed_voxels() + 1 && offsets.front() == 0 &&
                       offsets.back() == result.listed_fragments();
     // A listed voxel has at least one fragment.
-    if (!ends || !AscendsBelow(offsets, offsets.back() + 1)) return Malformed("offset");
+    if (!ends) return Malformed("offset");
+    s = CheckAscends(offsets, offsets.back() + 1, "offset", job);
+    if (!s.ok()) return s;
   }
   const ResultHeader header = HeaderOf(result);
   const std::vector<std::span<const uint8_t>> arrays = ArraysOf(result);
@@ -50,6 +58,10 @@ absl::Status CheckArrays(const VoxelizeResult& result) {
     if (arrays[i].size() != header.arrays[i].bytes()) return Malformed(header.arrays[i].name);
   }
   return absl::OkStatus();
+}
+
+uint64_t PreviewItems::MemoryBytes(const VoxelizeResult& result) {
+  return result.kind == ResultKind::kSparse ? result.listed_bricks() * sizeof(uint64_t) : 0;
 }
 
 PreviewItems::PreviewItems(const VoxelizeResult& result) : result_(result) {

@@ -6,14 +6,15 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "base/job_context.h"
 #include "job/result.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe {
 
 // Checks that the arrays of `result` are consistent: sizes as in HeaderOf; bricks, voxels and offsets ascending and in
-// range. The functions below rely on it. INVALID_ARGUMENT naming the array.
-absl::Status CheckArrays(const VoxelizeResult& result);
+// range. The functions below rely on it. `job` may be null. INVALID_ARGUMENT naming the array; the job's error.
+absl::Status CheckArrays(const VoxelizeResult& result, const JobContext* job);
 
 // Finds the item of a target's array that belongs to a voxel. Borrows the result.
 class PreviewItems {
@@ -21,6 +22,8 @@ class PreviewItems {
   static constexpr uint64_t kNone = ~uint64_t{0};
 
   explicit PreviewItems(const VoxelizeResult& result);
+  // What the constructor allocates.
+  static uint64_t MemoryBytes(const VoxelizeResult& result);
 
   // In: voxel n of the linear order. Out: dense n itself; sparse: the rank of the voxel among the listed ones; buckets:
   // its last fragment, that of the largest triangle id, as blend `replace` would choose. kNone for a voxel that is not

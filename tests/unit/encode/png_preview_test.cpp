@@ -8,6 +8,7 @@
 #include <functional>
 #include <tuple>
 
+#include "encode/preview/preview_cells.h"
 #include "encode/preview/preview_colour.h"
 #include "encode/preview/preview_values.h"
 #include "encode/preview/preview_volume.h"
@@ -153,16 +154,17 @@ TEST(RenderPreview, RefusesSizesOutOfRangeAndResultsWithoutTargets) {
   EXPECT_EQ(RenderPreview(EmptyResult({1, 1, 1})).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST(PreviewVolume, TraceFindsWhatAWalkThroughAllVoxelsFinds) {
+TEST(PreviewCells, TraceFindsWhatAWalkThroughAllVoxelsFinds) {
   VoxelizeResult result = EmptyResult({37, 29, 41});
   AddBits(result, [](int64_t i, int64_t j, int64_t k) { return (i * 73 + j * 179 + k * 283) % 47 == 0; });
   const PreviewVolume volume = PreviewVolume::Build(result, nullptr).value();
+  const PreviewCells cells = PreviewCells::Build(volume, nullptr).value();
   int hits = 0, compared = 0;
   for (int ray = 0; ray < 400; ++ray) {
     const Vec3d from{-20.0 + ray % 7, -13.0 + ray % 11, -9.0 + ray % 5};
     const Vec3d to{37.0 * ((ray * 31) % 97) / 97, 29.0 * ((ray * 17) % 89) / 89, 41.0 * ((ray * 13) % 83) / 83};
     const Vec3d direction = (to - from) * (1 / std::sqrt(Dot(to - from, to - from)));
-    const PreviewHit hit = volume.Trace(from, direction, 0, 200);
+    const PreviewHit hit = cells.Trace(from, direction, 0, 200);
     // The walk takes steps far smaller than a voxel; it can only be later than the ray, by less than what one step may
     // pass over.
     double walked = -1;
@@ -188,8 +190,9 @@ TEST(PreviewVolume, BoxAndRowsAreThoseOfTheBits) {
   };
   AddBits(result, formula);
   const PreviewVolume volume = PreviewVolume::Build(result, nullptr).value();
-  EXPECT_EQ(volume.lo(), (std::array<int64_t, 3>{9, 3, 1}));
-  EXPECT_EQ(volume.hi(), (std::array<int64_t, 3>{66, 4, 5}));
+  const PreviewCells cells = PreviewCells::Build(volume, nullptr).value();
+  EXPECT_EQ(cells.lo(), (std::array<int64_t, 3>{9, 3, 1}));
+  EXPECT_EQ(cells.hi(), (std::array<int64_t, 3>{66, 4, 5}));
   for (int64_t i = -40; i < 110; ++i) {
     for (int count = 1; count <= 32; ++count) {
       uint32_t expected = 0;

@@ -15,7 +15,8 @@ using Faces = std::map<std::tuple<int64_t, int64_t, int64_t, int>, uint64_t>;  /
 
 std::vector<MergedFace> Merged(const VoxelizeResult& result, const std::function<uint64_t(uint64_t)>& colour_of) {
   const PreviewVolume volume = PreviewVolume::Build(result, nullptr).value();
-  return MergeFaces(volume, colour_of, nullptr).value();
+  MemoryCharge memory(&DefaultMemory());
+  return MergeFaces(volume, colour_of, nullptr, memory).value();
 }
 
 VoxelizeResult Solid(std::array<int64_t, 3> dims, const testing::BitFormula& formula) {
@@ -62,10 +63,12 @@ TEST(MergeFaces, CoversEachExposedFaceOnceInItsColour) {
   const auto colour_of = [](uint64_t n) { return n / 5 % 3; };
   const PreviewVolume volume = PreviewVolume::Build(result, nullptr).value();
   Faces expected;
+  JobPoll poll(nullptr);
   for (int64_t k = 0; k < 11; ++k) {
-    VisitFaces(volume, k, [&](int64_t i, int64_t j, uint64_t n, int side) {
+    const absl::Status visited = VisitFaces(volume, k, poll, [&](int64_t i, int64_t j, uint64_t n, int side) {
       expected[{i, j, k, side}] = colour_of(n);
     });
+    ASSERT_TRUE(visited.ok()) << visited;
   }
   Faces covered;
   const std::vector<MergedFace> faces = Merged(result, colour_of);
@@ -93,8 +96,9 @@ TEST(MergeFaces, EndsWithItsJob) {
   const PreviewVolume volume = PreviewVolume::Build(plate, nullptr).value();
   JobContext job;
   job.Cancel();
+  MemoryCharge memory(&DefaultMemory());
   EXPECT_EQ(MergeFaces(
-                volume, [](uint64_t) { return 0; }, &job)
+                volume, [](uint64_t) { return 0; }, &job, memory)
                 .status()
                 .code(),
             absl::StatusCode::kCancelled);

@@ -22,7 +22,9 @@ constexpr int kColumnWidth = 200, kColumnHeight = 600;  // pixels
 Picture Slices(const VoxelizeResult& result) {
   const PreviewVolume volume = PreviewVolume::Build(result, nullptr).value();
   Canvas canvas(kColumnWidth, kColumnHeight, FromSrgb(0xe9edf1));
-  DrawSlices(volume, PreviewColours(result, volume), result.grid, {0, 0, kColumnWidth, kColumnHeight}, canvas);
+  const PixelRect column{0, 0, kColumnWidth, kColumnHeight};
+  const absl::Status drawn = DrawSlices(volume, PreviewColours(result, volume), result.grid, column, nullptr, canvas);
+  EXPECT_TRUE(drawn.ok()) << drawn;
   return canvas.ToPicture();
 }
 
