@@ -74,9 +74,16 @@ absl::Status CornerMesh::AddPolygon(std::span<const Corner> corners, int32_t mat
   if (absl::Status full = Begin(material, kind); !full.ok()) return full;
   polygon_.clear();
   if (absl::Status full = budget_.MakeRoom(polygon_, corners.size(), "a face"); !full.ok()) return full;
+  corners_ += corners.size();
+  if (corners_ >= kCornersAStep) {
+    corners_ = 0;
+    if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
+  }
+  uint64_t left = kCornersAStep;
   for (Corner corner : corners) {
-    if (++corners_ % kCornersAStep == 0) {
+    if (--left == 0) {
       if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
+      left = kCornersAStep;
     }
     const auto drop = [&](bool kept, uint32_t& value) {
       if (kept) return;

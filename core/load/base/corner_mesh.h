@@ -61,7 +61,7 @@ class CornerMesh {
   std::vector<Entry> entries_;   // of the current primitive's vertices
   std::vector<uint32_t> polygon_;
   uint64_t before_ = 0;   // vertices of the primitives before the current one
-  uint64_t corners_ = 0;  // of all polygons
+  uint64_t corners_ = 0;  // since the last poll of the job
   uint64_t triangles_ = 0;
   bool mixed_ = false;
 };
