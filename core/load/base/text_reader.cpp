@@ -55,7 +55,11 @@ std::optional<std::string_view> TextLines::Next() {
   const char *const at = rest.data(), *const text_end = at + rest.size();
   if (line_feed_ < at) line_feed_ = Find(at, text_end, '\n');
   ++number_;
-  const char* const end = Find(at, line_feed_, '\r');
+  const bool is_short = line_feed_ - at < kBytesAStep;  // as almost all are
+  const void* const found = is_short ? std::memchr(at, '\r', size_t(line_feed_ - at)) : nullptr;
+  const char* const end = !is_short          ? Find(at, line_feed_, '\r')
+                          : found == nullptr ? line_feed_
+                                             : static_cast<const char*>(found);
   const bool pair = end < line_feed_ && end + 1 == line_feed_ && line_feed_ < text_end;  // "\r\n"
   const size_t line_end = end == text_end ? 0 : pair ? 2 : 1;
   place_.Skip(size_t(end - at) + line_end);
