@@ -53,7 +53,7 @@ install(CODE "
 install(SCRIPT ${CMAKE_CURRENT_LIST_DIR}/InstallHeaders.cmake)
 
 # What a static library needs, by pkg-config --static.
-set(core_static_packages "tbb libhwy libpng zlib expat libjpeg libwebp libisal draco")
+set(core_static_packages "absl_flat_hash_map tbb libhwy libpng zlib expat libjpeg libwebp libisal draco")
 set(core_static_libraries "-lmeshoptimizer -lpthread")
 if(VOXELPIPE_OPENVDB)
   string(APPEND core_static_libraries " ${OPENVDB_LIBRARY} ${OPENVDB_IMATH_LIBRARY}")
