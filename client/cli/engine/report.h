@@ -1,5 +1,5 @@
-// The output of `voxelpipe`. Every line goes through WriteLine (base/text.h): names and texts in it may come from a file
-// or from a server. A text of several lines is a list of lines, so that no name in one can begin another.
+// The output of `voxelpipe`. Every line goes through WriteLine (base/text.h): names and texts in it may come from a
+// file or from a server. A text of several lines is a list of lines, so that no name in one can begin another.
 #pragma once
 
 #include <cstdint>
