@@ -186,7 +186,7 @@ def test_ctrl_c_ends_the_job_soon(tmp_path: pathlib.Path) -> None:
         voxelpipe.voxelize(mesh, resolution=8)
         print("begins", flush=True)
         try:
-            voxelpipe.voxelize(mesh, resolution=1000, result="sparse", normal="normal:f32x3:average")
+            voxelpipe.voxelize(mesh, resolution=300, result="sparse", normal="normal:f32x3:average")
         except KeyboardInterrupt:
             print("interrupted", time.time(), flush=True)
         """,
