@@ -26,10 +26,7 @@ uint64_t CountRows(const BitGrid& a, const BitGrid& b, const JobContext& job) {
   std::atomic<uint64_t> total{0};
   ParallelChunks(a.rows(), std::max<int64_t>(1, kCountWords / a.words_per_row()), job, [&](int64_t begin, int64_t end) {
     uint64_t count = 0;
-    for (int64_t r = begin; r < end; ++r) {
-      const std::span<const uint32_t> row_a = a.row(r), row_b = other.row(r);
-      for (size_t w = 0; w < row_a.size(); ++w) count += uint64_t(std::popcount(row_a[w] | row_b[w]));
-    }
+    for (int64_t r = begin; r < end; ++r) count += CountUnion(a.row(r), other.row(r));
     total.fetch_add(count, std::memory_order_relaxed);
   }).IgnoreError();  // the next stage returns the error
   return total;

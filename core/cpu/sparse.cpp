@@ -82,11 +82,29 @@ class BrickMaker {
     return state_.inside.empty() ? covered : covered | state_.inside.row(row)[size_t(w)];
   }
 
+  // True if rows [y0, y1) of slices [z0, z1) hold no occupied voxel; false also if the tiles tell where bricks are.
+  // Most rows of a large grid are empty, and a row's words are contiguous: one pass over them is the quickest answer.
+  bool IsEmptyRow(int64_t y0, int64_t y1, int64_t z0, int64_t z1) const {
+    if (!state_.slab_tiles.empty()) return false;
+    uint32_t any = 0;
+    for (int64_t z = z0; z < z1; ++z) {
+      for (int64_t y = y0; y < y1; ++y) {
+        const int64_t row = y + state_.dims[1] * z;
+        for (const uint32_t word : state_.coverage.row(row)) any |= word;
+        if (state_.inside.empty()) continue;
+        for (const uint32_t word : state_.inside.row(row)) any |= word;
+      }
+      if (any != 0) return false;
+    }
+    return true;
+  }
+
   // Calls visit(bx, mask) for each brick of brick row r with an occupied voxel.
   template <typename Visit>
   void ForEachBrick(int64_t r, const Visit& visit) const {
     const int64_t y0 = r % ny_ * kBrick, z0 = r / ny_ * kBrick;  // z within the slab
     const int64_t y1 = std::min(state_.dims[1], y0 + kBrick), z1 = std::min(state_.slab_dims[2], z0 + kBrick);
+    if (IsEmptyRow(y0, y1, z0, z1)) return;
     for (int64_t w = 0; w < state_.coverage.words_per_row(); ++w) {
       if (IsEmptyTile(r, w)) continue;
       std::array<uint32_t, kTileRows> words{};

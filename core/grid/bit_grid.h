@@ -53,6 +53,8 @@ uint64_t CountBits(const BitGrid& grid);
 
 // Number of bits set in at least one of two grids of the same dims.
 uint64_t CountUnion(const BitGrid& a, const BitGrid& b);
+// The same for two rows of the same size.
+uint64_t CountUnion(std::span<const uint32_t> a, std::span<const uint32_t> b);
 
 // In: a callback that returns word w of row r. Out: the packed bits of the linear order, no row padding, bit n in byte
 // n/8 at n%8, unused bits of the last byte 0. `out` holds ceil(voxels/8) bytes. Parallel over rows; `word` must be safe

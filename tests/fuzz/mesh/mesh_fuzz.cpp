@@ -33,7 +33,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr double kMaxSeconds = 2;
-constexpr double kMaxSecondsAVoxel = 1e-9;  // of a sparse result's grid, whose bits are cleared and read
 constexpr uint64_t kMaxBytes = uint64_t{1} << 30;
 constexpr std::chrono::seconds kDeadline{20};  // of a call; a hang is seen long before
 // Of a call: what is larger takes its time with good reason.
@@ -55,7 +54,6 @@ struct Answer {
   absl::Status status = absl::OkStatus();
   std::string hash;  // of a result
   double seconds = 0;
-  double allowed_seconds = kMaxSeconds;
 };
 
 Answer AskServer(Client& client, const Case& asked) {
@@ -66,10 +64,7 @@ Answer AskServer(Client& client, const Case& asked) {
   Answer answer;
   answer.status = client.VoxelizeTo(asked.mesh, MeshFormat::kAuto, asked.request, job, sink).status();
   answer.seconds = Since(begin);
-  if (answer.status.ok()) {
-    answer.allowed_seconds += kMaxSecondsAVoxel * double(sink.header().grid.voxels());
-    answer.hash = sink.Digest();
-  }
+  if (answer.status.ok()) answer.hash = sink.Digest();
   return answer;
 }
 
@@ -182,7 +177,7 @@ class Fuzzer {
         ++cases_;
         results_ += served.status.ok() ? 1 : 0;
         longest_ = std::max(longest_, served.seconds);
-        if (served.seconds > served.allowed_seconds || absl::IsUnavailable(served.status)) suspects_.push_back(number);
+        if (served.seconds > kMaxSeconds || absl::IsUnavailable(served.status)) suspects_.push_back(number);
       }
       if (absl::IsUnavailable(served.status)) {
         client = nullptr;
@@ -262,7 +257,7 @@ class Fuzzer {
       watch.join();
       const std::lock_guard lock(mutex_);
       if (const std::string how = server_->Ended(); !how.empty()) Fault(number, made, "the server ended: " + how);
-      if (answer.seconds > answer.allowed_seconds) {
+      if (answer.seconds > kMaxSeconds) {
         Fault(number, made, absl::StrCat("took ", answer.seconds, " s: ", Shown(answer)));
       }
       if (most > before_ + kMaxBytes) {

@@ -155,7 +155,7 @@ VoxelizeRequest RandomRequest(Random& random) {
       break;
     default: grid.resolution = int64_t(1 + Below(random, 48)); break;
   }
-  if (OneIn(random, 40)) grid.resolution = Pick(std::vector<int64_t>{0, -1, 2048, 100000, INT64_MAX}, random);
+  if (OneIn(random, 40)) grid.resolution = Pick(std::vector<int64_t>{0, -1, 4096, 100000, INT64_MAX}, random);
   if (OneIn(random, 8)) grid.padding = Pick(std::vector<int64_t>{1, 2, 5, 1000, -1, INT64_MAX}, random);
   request.coverage =
       Pick(std::vector{Coverage::kConservative, Coverage::kThin, Coverage::kCenter, Coverage::kNone}, random);
