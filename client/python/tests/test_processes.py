@@ -78,9 +78,7 @@ INTERRUPTED = """
 
 def test_ctrl_c_ends_a_call_within_100_ms(server: LocalServer, tmp_path: pathlib.Path) -> None:
     lines = output_of(INTERRUPTED, server, tmp_path)
-    assert len(lines) == 4
-    seconds = sorted(float(line) for line in lines[:3])
-    assert seconds[1] < 0.1 and seconds[2] < 1, "one may wait for a processor that other tests use"
+    assert len(lines) == 4 and max(float(line) for line in lines[:3]) < 0.1
 
 
 FORKED = """
