@@ -108,11 +108,21 @@ bool PreviewVolume::WantsBits(uint64_t listed_bytes) const {
   return bit_bytes() <= std::max(kSmallBitBytes, 2 * listed_bytes);
 }
 
-absl::Status PreviewVolume::MakeBits() {
+absl::Status PreviewVolume::AllocateBits() {
   if (absl::Status s = memory_.Grow(bit_bytes(), "a bit a voxel:"); !s.ok()) return s;
   own_bits_.resize(bit_bytes());
   bits_ = own_bits_;
   return absl::OkStatus();
+}
+
+template <typename Each>
+absl::Status PreviewVolume::MakeBits(const Each& each) {
+  if (absl::Status s = AllocateBits(); !s.ok()) return s;
+  return each([&](int64_t i, int64_t j, int64_t k) {
+    const uint64_t n = Linear(i, j, k);
+    own_bits_[n / 8] |= uint8_t(1 << (n % 8));
+    return absl::OkStatus();
+  });
 }
 
 absl::Status PreviewVolume::IndexBricks(const JobContext* job) {
@@ -190,7 +200,7 @@ absl::StatusOr<PreviewVolume> PreviewVolume::Build(const VoxelizeResult& result,
       volume.bits_ = result.targets[shown].bytes();
       return volume;
     }
-    absl::Status status = volume.MakeBits();
+    absl::Status status = volume.AllocateBits();
     if (status.ok()) status = SetNotClear(result, shown, job, volume.own_bits_);
     if (!status.ok()) return status;
     return volume;
@@ -198,14 +208,7 @@ absl::StatusOr<PreviewVolume> PreviewVolume::Build(const VoxelizeResult& result,
   const auto each = [&](const auto& set) { return VisitListed(result, job, set); };
   absl::Status status;
   if (volume.WantsBits(result.voxels.size() + result.masks.size())) {
-    status = volume.MakeBits();
-    if (status.ok()) {
-      status = each([&](int64_t i, int64_t j, int64_t k) {
-        const uint64_t n = volume.Linear(i, j, k);
-        volume.own_bits_[n / 8] |= uint8_t(1 << (n % 8));
-        return absl::OkStatus();
-      });
-    }
+    status = volume.MakeBits(each);
   } else if (result.kind == ResultKind::kSparse) {
     volume.ids_ = Words(result.bricks);
     volume.masks_ = Words(result.masks);
@@ -238,14 +241,7 @@ absl::StatusOr<PreviewVolume> PreviewVolume::Halved(const PreviewVolume& fine, c
   };
   absl::Status status;
   if (!fine.in_bricks() || volume.WantsBits(fine.masks_.size_bytes())) {
-    status = volume.MakeBits();
-    if (status.ok()) {
-      status = each([&](int64_t i, int64_t j, int64_t k) {
-        const uint64_t n = volume.Linear(i, j, k);
-        volume.own_bits_[n / 8] |= uint8_t(1 << (n % 8));
-        return absl::OkStatus();
-      });
-    }
+    status = volume.MakeBits(each);
   } else {
     status = volume.MakeBricks(job, each);
   }

@@ -93,10 +93,14 @@ class PreviewVolume {
   uint64_t bit_bytes() const;
   // True if a bit a voxel is no more than a result of so many bytes justifies.
   bool WantsBits(uint64_t listed_bytes) const;
-  absl::Status MakeBits();
+  // All clear.
+  absl::Status AllocateBits();
   // The index of ids_ and masks_.
   absl::Status IndexBricks(const JobContext* job);
-  // In: each(set), which calls set(i, j, k) for all solid voxels and returns an error to end early; called twice.
+  // In: each(set), which calls set(i, j, k) for all solid voxels and returns an error to end early. MakeBricks calls it
+  // twice.
+  template <typename Each>
+  absl::Status MakeBits(const Each& each);
   template <typename Each>
   absl::Status MakeBricks(const JobContext* job, const Each& each);
   std::pair<size_t, size_t> BricksOfLayer(int64_t k) const;

@@ -12,6 +12,7 @@
 #include "load/loader.h"
 #include "mesh/flatten.h"
 #include "support/resources/temporary_directory.h"
+#include "unit/load/charged_packing.h"
 
 namespace voxelpipe {
 namespace {
@@ -109,21 +110,7 @@ TEST_F(PackTest, ABufferIsPackedOnceHoweverOftenItIsNamed) {
 
 TEST_F(PackTest, FilesThatAreNamedAreChargedAndTheJobIsPolled) {
   Write("model/big.bin", triangle_ + std::string(1 << 20, 'b'));
-  const std::string gltf = Gltf("big.bin");
-  const auto pack = [&](JobContext& job) {
-    return PackMesh(job, FileBytes(gltf.begin(), gltf.end()), root_ / "model").status();
-  };
-  MemoryBudget little(512 << 10), enough(16 << 20);
-  JobContext job;
-  job.set_memory(&little);
-  EXPECT_EQ(pack(job).code(), absl::StatusCode::kResourceExhausted);
-  EXPECT_EQ(little.used_bytes(), 0u);
-  job.set_memory(&enough);
-  EXPECT_TRUE(pack(job).ok());
-  EXPECT_GT(enough.peak_bytes(), uint64_t{1} << 20);
-  EXPECT_EQ(enough.used_bytes(), 0u);
-  job.Cancel();
-  EXPECT_EQ(pack(job).code(), absl::StatusCode::kCancelled);
+  testing::ExpectPackingIsChargedAndPolled(Gltf("big.bin"), root_ / "model");
 }
 
 TEST_F(PackTest, TwoBuffersAreRebased) {
