@@ -20,7 +20,7 @@ constexpr uint64_t kBeyondCount = uint64_t{1} << 63;
 constexpr double kFinerStep = 1.01;    // between two voxel sizes that are looked at
 constexpr int64_t kFinerSteps = 1394;  // to the coarsest one, 2^20 times what was asked for
 // A measurement visits every triangle: so many are made before the search takes the best grid that it has.
-constexpr int kMostMeasured = 3;
+constexpr int kMaxMeasurements = 3;
 
 // Finds what would fit in place of a request that does not.
 class FittingGrid {
@@ -85,7 +85,7 @@ class FittingGrid {
   int64_t Finest(int64_t count, const Near& near, const At& at) {
     int64_t fits = 0, too_fine = count;
     for (int measured = 0; too_fine - fits > near(fits); ++measured) {
-      if (measured >= kMostMeasured && fits > 0) break;
+      if (measured >= kMaxMeasurements && fits > 0) break;
       int64_t next = fits;
       for (int64_t end = too_fine; end - next > 1;) {
         const int64_t middle = next + (end - next) / 2;
@@ -93,7 +93,7 @@ class FittingGrid {
       }
       if (fits > 0 && next - fits < near(fits)) break;
       // Predictions that keep failing are too optimistic.
-      if (measured >= kMostMeasured) next /= 2;
+      if (measured >= kMaxMeasurements) next /= 2;
       next = std::max<int64_t>(1, next);
       const bool as_measured = Fits(at(next));
       if (!stopped_.ok()) return 0;

@@ -34,8 +34,8 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input);
 
 // RESOURCE_EXHAUSTED for a run that needs, or comes to need, at least `need_bytes` of results or memory. In the message
 // and as numbers: the largest grid of the request's kind that would fit. `scale`: what is really needed of what is
-// predicted, at least 1; above 1 a run came to need more than predicted. `measured`: the surface of `grid`; null where
-// nobody has looked at it. The error of `measure` instead where it gave one: the job may end meanwhile.
+// predicted, at least 1; above 1 a run came to need more than predicted. `measured`: the surface of `grid`; null if it
+// is unknown. The error of `measure` instead where it gave one: the job may end meanwhile.
 absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, const Surface* measured, bool of_results,
                           uint64_t need_bytes, double scale);
 

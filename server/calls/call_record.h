@@ -68,8 +68,8 @@ class CallRecord {
   const std::string request_id;
   const std::string peer;                   // address of the client
   const std::optional<TraceContext> trace;  // of the caller
-  std::string
-      client;  // whose it is: that of the token or the certificate, else the peer's address; set once, by the constructor
+  // Whose call it is: the name of the token or the certificate, else the peer's address. Set once, by the constructor.
+  std::string client;
   const std::chrono::steady_clock::time_point begin = std::chrono::steady_clock::now();
   uint64_t bytes_in = 0, bytes_out = 0;  // of meshes, of results as sent
   uint64_t raw_bytes_out = 0;            // of results before compression; 0: the same as bytes_out

@@ -85,7 +85,7 @@ absl::StatusOr<Message> Channel::Receive(std::chrono::milliseconds patience, uin
   do {
     got = recv(socket_, buffer_.data(), room, MSG_TRUNC);
   } while (got < 0 && errno == EINTR);
-  // A socket that is closed with a message that nobody has read tells the sender.
+  // A socket that is closed with an unread message tells the sender.
   if (got < 0 && errno == ECONNRESET)
     return absl::AbortedError("the other end is closed, and has not read the message");
   if (got <= 0) return absl::UnavailableError("the other end is closed");

@@ -47,8 +47,8 @@ class Channel {
   // RESOURCE_EXHAUSTED if the archive does not fit into memory; UNAVAILABLE if the other end is closed.
   absl::Status Send(MessageKind kind, uint64_t number, const ArchiveWriter& archive);
   // Waits for a message, at most for `patience`; without limit if that is negative. DEADLINE_EXCEEDED: none came;
-  // UNAVAILABLE: the other end is closed; ABORTED: so it is, and it has not read what was sent last; INTERNAL: it is not a valid message; RESOURCE_EXHAUSTED: it has more than
-  // `most_bytes`, or memory is short. May throw bad_alloc.
+  // UNAVAILABLE: the other end is closed; ABORTED: it is closed and has not read what was sent last; INTERNAL: it is
+  // not a valid message; RESOURCE_EXHAUSTED: it has more than `most_bytes`, or memory is short. May throw bad_alloc.
   absl::StatusOr<Message> Receive(std::chrono::milliseconds patience, uint64_t most_bytes = SharedRegion::kBytes / 2);
 
   // True if the other end is closed; what it sent before can still be received.

@@ -18,11 +18,11 @@ inline constexpr size_t kMaxUnixPathBytes = 107;  // sockaddr_un holds one byte 
 std::string UnixPathOf(const std::string& address);
 
 // gRPC removes whatever socket is at its path, before it listens there and after it has closed: also that of another
-// server. So it listens at a path that nobody else has, and this class gives the socket its name, and takes it back.
+// server. So it listens at a path of its own, and this class gives the socket its name, and takes it back.
 class UnixSocket {
  public:
-  // In: an address "unix:PATH", not longer than kMaxUnixPathBytes. Errors: UNAVAILABLE if a server answers at the path, if something other than a socket is
-  // there, or if the system lets no socket be made beside it.
+  // In: an address "unix:PATH", not longer than kMaxUnixPathBytes. Errors: UNAVAILABLE if a server answers at the path,
+  // if something other than a socket is there, or if the system lets no socket be made beside it.
   static absl::StatusOr<std::unique_ptr<UnixSocket>> Prepare(const std::string& address);
   // Removes the socket, if it still is at the path and not another one. gRPC may have closed it before.
   ~UnixSocket();

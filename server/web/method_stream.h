@@ -16,12 +16,12 @@
 
 namespace voxelpipe {
 
-// The method of this path, which browsers can call. UNIMPLEMENTED if there is none of this name, or it takes a stream of
-// requests, naming the method to call in its place.
+// The method of this path, which browsers can call. UNIMPLEMENTED if there is none of this name, or it takes a stream
+// of requests, naming the method to call in its place.
 absl::StatusOr<Rpc> WebMethodOf(std::string_view path);
 
-// Makes the call with the message of `body`, waits for the beginning of its response, and queues that. Messages are then
-// read one by one as the client takes their bytes.
+// Makes the call with the message of `body`, waits for the beginning of its response, and queues that. Messages are
+// then read one by one as the client takes their bytes.
 MHD_Result AnswerMethod(WebContext& web, MHD_Connection* connection, const BridgeCall::Setup& setup, RequestBody& body,
                         const std::string& allowed);
 

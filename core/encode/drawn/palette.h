@@ -20,8 +20,8 @@ struct Palette {
 // In: colours 0xRRGGBB with how often each occurs; at most `size` colours are wanted, 1 to 256. Out: the colours
 // themselves, ascending, if they are no more; otherwise those of the median cut: the box of colours with the largest
 // product of occurrences and longest side is split at its weighted median until there are `size` boxes, and each box
-// has the mean of its colours. The result does not depend on the order of the map. `job` may be null; its memory is charged
-// for the call, and its errors are returned.
+// has the mean of its colours. The result does not depend on the order of the map. `job` may be null; its memory is
+// charged for the call, and its errors are returned.
 //
 // Source: P. Heckbert, "Color Image Quantization for Frame Buffer Display", SIGGRAPH 1982. There a box is chosen by its
 // occurrences alone.

@@ -1,6 +1,6 @@
 // The writers of the formats, for the registry. Each takes a path, empty for standard output, and a job that may be
-// null; Begin creates the file and refuses results that the format cannot hold with INVALID_ARGUMENT. All of them charge
-// what they allocate to MemoryOf(job) first (job/job_work.h), and look at the job every few milliseconds.
+// null; Begin creates the file and refuses results that the format cannot hold with INVALID_ARGUMENT. All of them first
+// charge what they allocate to MemoryOf(job) (job/job_work.h), and look at the job every few milliseconds.
 #pragma once
 
 #include <memory>

@@ -29,8 +29,8 @@ class ZarrLevel {
   // largest magnitude of its up to eight voxels, so that thin surfaces do not disappear.
   ZarrLevel& AddHalf(std::string path);
 
-  // The next elements, as in a .npy (NpyElements). Writes each row of chunks that is complete. Errors: the system's, the
-  // job's, and those of its memory, to which the layers of a row of chunks are charged: bits are kept as bits.
+  // The next elements, as in a .npy (NpyElements). Writes each row of chunks that is complete. Errors: the system's,
+  // the job's, and those of its memory, to which the layers of a row of chunks are charged: bits are kept as bits.
   absl::Status Write(std::span<const uint8_t> bytes);
 
   bool complete() const { return planes_done_ == planes_; }

@@ -92,7 +92,7 @@ class TextLines {
 // The words of a line, separated by spaces and tabs.
 class Words {
  public:
-  // `job`: as that of TextPlace. A line of a stranger's file may be as long as the file.
+  // `job`: as that of TextPlace. A line of an untrusted file may be as long as the file.
   explicit Words(std::string_view line, const JobContext* job = nullptr) : place_(line, job) {}
   // The next word; empty at the end.
   std::string_view Next();

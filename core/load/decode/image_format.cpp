@@ -21,8 +21,8 @@ struct JpegFrame {
 };
 
 std::optional<JpegFrame> FindFrame(std::span<const uint8_t> bytes) {
-  constexpr size_t kMostBytes = 16 << 20;  // behind more metadata the decoder looks for it
-  bytes = bytes.first(std::min(bytes.size(), kMostBytes));
+  constexpr size_t kMaxMetadataBytes = 16 << 20;  // behind more metadata the decoder looks for it
+  bytes = bytes.first(std::min(bytes.size(), kMaxMetadataBytes));
   size_t at = 2;  // after SOI
   while (at + 4 <= bytes.size() && bytes[at] == 0xff) {
     const uint8_t marker = bytes[at + 1];

@@ -31,8 +31,8 @@ absl::StatusOr<CommandResult> RunVoxelpiped(const std::vector<std::string>& argu
 
 class ServerProcess {
  public:
-  // Starts voxelpiped, on a free loopback port unless `arguments` have --listen, and waits for its address. Its log goes
-  // to the file `log_path`, or to this process's stderr.
+  // Starts voxelpiped, on a free loopback port unless `arguments` have --listen, and waits for its address. Its log
+  // goes to the file `log_path`, or to this process's stderr.
   static absl::StatusOr<std::unique_ptr<ServerProcess>> Start(const std::vector<std::string>& arguments = {},
                                                               const std::string& log_path = "");
   // The same with a device "cuda:0" that breaks as `fault_file` says (support/faulty_backend.h), read again before

@@ -208,12 +208,12 @@ VoxelizeRequest FewVoxelsOfMany() {
 }
 
 TEST_F(FileTest, EveryFormatFitsInTheLeastMemoryThatItIsMadeIn) {
-  constexpr uint64_t kLeastBytes = 8 << 20, kMostBytes = 128 << 20;
+  constexpr uint64_t kMinLimitBytes = 8 << 20, kMaxLimitBytes = 128 << 20;
   constexpr uint64_t kSlackBytes = 48 << 20;  // of threads and libraries, which the first request brings
   for (const OutputFormat& format : OutputFormats()) {
     if (!format.sparse) continue;
     bool made = false;
-    for (uint64_t limit_bytes = kLeastBytes; !made && limit_bytes < kMostBytes; limit_bytes += limit_bytes / 2) {
+    for (uint64_t limit_bytes = kMinLimitBytes; !made && limit_bytes < kMaxLimitBytes; limit_bytes += limit_bytes / 2) {
       ASSERT_NO_FATAL_FAILURE(Start({"--max-working-bytes", std::to_string(limit_bytes)}));
       const uint64_t before_bytes = ReadProcessFacts(server_->pid()).resident_bytes;
       const HttpReply reply = FileOf(std::string(format.name), FewVoxelsOfMany());

@@ -41,10 +41,12 @@ for (const way of Object.keys(WAYS)) {
   assert.equal(refused.message, 'the role monitor may not call it', way);
   assert.equal(refused.needsToken, false, way);
   for (const words of ['null', '12', '"said"', '{"message": 3}', 'format: \'doc\' is not one of npy']) {
-    assert.equal((await errorOf(way, () => text(400, `${words}\n`))).message, words, `${way}: text that looks like JSON`);
+    const error = await errorOf(way, () => text(400, `${words}\n`));
+    assert.equal(error.message, words, `${way}: text that looks like JSON`);
   }
   const html = {'content-type': 'text/html'};
-  assert.match((await errorOf(way, () => text(502, '<h1>Bad Gateway</h1>', html))).message, /^the server .*HTTP 502$/, way);
+  const gateway = await errorOf(way, () => text(502, '<h1>Bad Gateway</h1>', html));
+  assert.match(gateway.message, /^the server .*HTTP 502$/, way);
   assert.match((await errorOf(way, () => text(503, ''))).message, /HTTP 503$/, way);
 }
 

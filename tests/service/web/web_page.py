@@ -1,7 +1,8 @@
 """usage: web_page.py PROGRAMS_DIR SOURCE_DIR WORK_DIR
 
 Gives the page's client answers that are errors (page_errors.mjs), then uses the server's page in a headless Chromium.
-What it downloads must be the bytes that the command line writes for the same request. Exit 77 with the reason if Chromium (docker/packages-browser.txt) or npm's packages are missing.
+What it downloads must be the bytes that the command line writes for the same request. Exit 77 with the reason
+if Chromium (docker/packages-browser.txt) or npm's packages are missing.
 """
 import json
 import pathlib

@@ -8,7 +8,8 @@
 
 namespace voxelpipe::testing {
 
-// Counts from 0 on, and cancels `job`, which may be null, when look number `look` begins. Its deadline must be far away.
+// Counts from 0 on, and cancels `job`, which may be null, when look number `look` begins. The job's deadline must be
+// far away.
 void CountLooks(JobContext* job, uint64_t look);
 // Since CountLooks.
 uint64_t Looks();

@@ -125,16 +125,16 @@ def whole(number: int) -> service.VoxelizeManyResponse:
     return service.VoxelizeManyResponse(id=number, whole=honest("dense").whole())
 
 
-STRANGERS = {
+UNKNOWN_JOBS = {
     "index out of range": [whole((1 << 64) - 1)],
     "answered twice": [whole(0), whole(0)],
     "answered twice in one message": [service.VoxelizeManyResponse(id=1, whole=whole(1).whole, more=[whole(1)])],
 }
 
 
-@pytest.mark.parametrize("lie", STRANGERS)
+@pytest.mark.parametrize("lie", UNKNOWN_JOBS)
 def test_an_answer_to_no_job(liar: tuple[Liar, str], lie: str) -> None:
-    many(liar[0], *STRANGERS[lie])
+    many(liar[0], *UNKNOWN_JOBS[lie])
     with Client(liar[1], retries=0, timeout=20) as client:
         options: dict[str, Any] = {"resolution": 4, "targets": "triangle_id:u32", "in_flight": 2}
         with pytest.raises(voxelpipe.DataLoss, match="to job [0-9]+, which waits for none"):
@@ -226,7 +226,7 @@ DETAILS: dict[str, tuple[Any, type[voxelpipe.VoxelpipeError], dict[str, Any]]] =
     "a negative delay": (detailed(retry_info(-5)), voxelpipe.Overloaded, {"retry_after": 0.0}),
     "negative nanoseconds": (detailed(retry_info(0, -1)), voxelpipe.Overloaded, {"retry_after": 0.0}),
     "a delay of ages": (detailed(retry_info(1 << 62)), voxelpipe.Overloaded, {"retry_after": 3600.0}),
-    "a quota of nobody": (
+    "a quota of an unknown client": (
         detailed(retry_info(0), error_details_pb2.QuotaFailure()),
         voxelpipe.QuotaExceeded,
         {"subject": ""},

@@ -12,7 +12,7 @@ namespace {
 
 using ::testing::ElementsAre;
 
-constexpr size_t kMostAfterTheEnd = 64 << 10;  // characters between two polls
+constexpr size_t kMaxAfterCancel = 64 << 10;  // characters between two polls
 
 std::vector<std::string> LinesOf(std::string_view text) {
   const JobContext job;
@@ -40,8 +40,8 @@ TEST(TextLinesTest, EndsOfLines) {
 TEST(TextLinesTest, LongTextsWithARunningJob) {
   std::string text;
   size_t count = 0;
-  for (; text.size() < 4 * kMostAfterTheEnd; ++count) text += "word " + std::string(count % 90, ' ') + "word\r\n";
-  text += std::string(3 * kMostAfterTheEnd, 'x');  // one word
+  for (; text.size() < 4 * kMaxAfterCancel; ++count) text += "word " + std::string(count % 90, ' ') + "word\r\n";
+  text += std::string(3 * kMaxAfterCancel, 'x');  // one word
   const JobContext job;
   EXPECT_EQ(LinesOf(text).size(), count + 1);
   size_t words = 0;
@@ -52,7 +52,7 @@ TEST(TextLinesTest, LongTextsWithARunningJob) {
   Words line(text, &job);  // as if ends of lines were parts of words
   std::string_view last;
   for (std::string_view word = line.Next(); !word.empty(); word = line.Next()) last = word;
-  EXPECT_EQ(last.size(), 6 + 3 * kMostAfterTheEnd);
+  EXPECT_EQ(last.size(), 6 + 3 * kMaxAfterCancel);
 }
 
 TEST(WordStreamTest, CountsLines) {
@@ -71,14 +71,14 @@ TEST(TextPollTest, ATextEndsWithItsJob) {
   size_t count = 0;
   for (const char* line : {"\n", "#\n", "# comment\r\n", "v\r"}) {
     std::string text;
-    while (text.size() < 16 * kMostAfterTheEnd) text += line;
+    while (text.size() < 16 * kMaxAfterCancel) text += line;
     TextLines lines(text, job);
     for (count = 0; lines.Next();) ++count;
-    EXPECT_LE(count, kMostAfterTheEnd);
+    EXPECT_LE(count, kMaxAfterCancel);
     EXPECT_GT(count, 1u);
     WordStream stream(text, 1, &job);
     for (count = 0; !stream.Next().empty();) ++count;
-    EXPECT_LE(count, kMostAfterTheEnd);
+    EXPECT_LE(count, kMaxAfterCancel);
     EXPECT_EQ(stream.left(), 0u);
   }
 }
@@ -87,14 +87,14 @@ TEST(TextPollTest, ALineEndsWithItsJob) {
   JobContext job;
   job.Cancel();
   std::string line;
-  while (line.size() < 16 * kMostAfterTheEnd) line += "endloop ";
+  while (line.size() < 16 * kMaxAfterCancel) line += "endloop ";
   Words words(line, &job);
   size_t count = 0;
   while (!words.Next().empty()) ++count;
-  EXPECT_LE(count, kMostAfterTheEnd);
+  EXPECT_LE(count, kMaxAfterCancel);
   EXPECT_TRUE(words.Rest().empty());
 
-  const std::string blanks = std::string(16 * kMostAfterTheEnd, ' ') + "behind";
+  const std::string blanks = std::string(16 * kMaxAfterCancel, ' ') + "behind";
   EXPECT_EQ(Words(blanks, &job).Next(), "");
   EXPECT_EQ(Words(blanks, &job).Rest(), "");
   EXPECT_EQ(Words(blanks).Rest(), "behind");
