@@ -225,8 +225,7 @@ size_t WriteVertices(const Placement& p, const MeshPart& part, size_t begin, siz
     Mat4d m = p.world;
     if (p.joints != nullptr && !BlendJoints(rest, p.joints->data(), uint32_t(p.joints->size()), v, m)) return v;
     const size_t at = part.first_vertex + v;
-    const Vec3f& position = primitive.positions[v];
-    mesh.positions[at] = TransformPoint(m, {position.x, position.y, position.z});
+    mesh.positions[at] = TransformPoint(m, PositionOf(primitive, v));
     if (!Finite(mesh.positions[at])) return v;
     if (part.has_normals) {
       const Vec3f& n = primitive.normals[v];

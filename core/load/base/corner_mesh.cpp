@@ -2,6 +2,8 @@
 
 #include <utility>
 
+#include "load/base/flat_scene.h"
+
 namespace voxelpipe {
 namespace {
 
@@ -45,14 +47,14 @@ absl::StatusOr<uint32_t> CornerMesh::VertexOf(const Corner& corner) {
   Primitive& out = primitives_.back();
   if (absl::Status full = budget_.CheckVertices(before_ + entries_.size() + 1); !full.ok()) return full;
   absl::Status full = budget_.MakeRoom(entries_, 1, "vertices");
-  if (full.ok()) full = budget_.MakeRoom(out.positions, 1, "vertices");
   if (full.ok() && corner.uv != kNone) full = budget_.MakeRoom(out.uv[0], 1, "texture coordinates");
   if (full.ok() && corner.normal != kNone) full = budget_.MakeRoom(out.normals, 1, "normals");
   if (full.ok() && corner.color != kNone) full = budget_.MakeRoom(out.colors, 1, "colours");
   if (!full.ok()) return full;
   const auto vertex = uint32_t(entries_.size());
+  full = AddPosition((*lists_.positions)[corner.position], budget_, out);
+  if (!full.ok()) return full;
   entries_.push_back({corner, newest});
-  out.positions.push_back((*lists_.positions)[corner.position]);
   if (corner.uv != kNone) out.uv[0].push_back((*lists_.uv)[corner.uv]);
   if (corner.normal != kNone) out.normals.push_back((*lists_.normals)[corner.normal]);
   if (corner.color != kNone) out.colors.push_back((*lists_.colors)[corner.color]);
@@ -97,16 +99,14 @@ absl::Status CornerMesh::AddPolygon(std::span<const Corner> corners, int32_t mat
     if (!vertex.ok()) return vertex.status();
     polygon_.push_back(*vertex);
   }
-  std::vector<std::array<uint32_t, 3>>& triangles = primitives_.back().triangles;
-  if (absl::Status full = budget_.MakeRoom(triangles, polygon_.size() - 2, "triangles"); !full.ok()) return full;
-  for (size_t i = 2; i < polygon_.size(); ++i) triangles.push_back({polygon_[0], polygon_[i - 1], polygon_[i]});
-  return absl::OkStatus();
+  return polygons_.Add(polygon_, primitives_.back());
 }
 
-std::vector<Primitive> CornerMesh::Take() {
+std::vector<Primitive> CornerMesh::Take(WarningList& warnings) {
   budget_.Drop(first_);
   budget_.Drop(entries_);
   budget_.Drop(polygon_);
+  polygons_.Finish(warnings);
   return std::move(primitives_);
 }
 

@@ -10,6 +10,7 @@
 #include "absl/status/statusor.h"
 #include "base/vec.h"
 #include "load/base/load_budget.h"
+#include "load/base/polygons.h"
 #include "mesh/scene/scene.h"
 
 namespace voxelpipe {
@@ -22,7 +23,7 @@ class CornerMesh {
 
   // The lists that corners refer to, as long as this is used. They may grow.
   struct Lists {
-    const std::vector<Vec3f>* positions = nullptr;
+    const std::vector<Vec3d>* positions = nullptr;
     const std::vector<Vec2f>* uv = nullptr;
     const std::vector<Vec3f>* normals = nullptr;
     const std::vector<Vec4f>* colors = nullptr;  // linear
@@ -32,16 +33,16 @@ class CornerMesh {
     uint32_t position = 0, uv = kNone, normal = kNone, color = kNone;
   };
 
-  CornerMesh(Lists lists, LoadBudget& budget) : lists_(lists), budget_(budget) {}
+  CornerMesh(Lists lists, LoadBudget& budget) : lists_(lists), budget_(budget), polygons_(budget) {}
 
-  // Adds a polygon as a fan from its first corner; nothing for fewer than three. A value that not all corners have is
-  // left out, and `mixed` set. Errors: RESOURCE_EXHAUSTED; the job's.
+  // Adds the triangles of a polygon (Polygons::Add). A value that not all corners have is left out, and `mixed` set.
+  // Errors: RESOURCE_EXHAUSTED; the job's.
   absl::Status AddPolygon(std::span<const Corner> corners, int32_t material);
 
   uint64_t triangles() const { return triangles_; }
   bool mixed() const { return mixed_; }
-  // The primitives; those that a polygon began, in file order.
-  std::vector<Primitive> Take();
+  // The primitives; those that a polygon began, in file order. Adds a warning of polygons (Polygons::Finish).
+  std::vector<Primitive> Take(WarningList& warnings);
 
  private:
   // The vertex of the current primitive with these values. At most kMaxSteps others are compared: beyond, it is a
@@ -56,6 +57,7 @@ class CornerMesh {
 
   const Lists lists_;
   LoadBudget& budget_;
+  Polygons polygons_;
   std::vector<Primitive> primitives_;
   std::vector<uint64_t> first_;  // by position: the number of its newest vertex over all primitives, plus one
   std::vector<Entry> entries_;   // of the current primitive's vertices

@@ -1,6 +1,5 @@
 #include "load/base/flat_scene.h"
 
-#include <array>
 #include <utility>
 
 #include "shaders/texture/srgb.h"
@@ -56,18 +55,25 @@ bool CleanUv(const JobContext& job, std::vector<Vec2f>& uv) {
   return any;
 }
 
-absl::Status AddFan(const std::vector<uint32_t>& corners, LoadBudget& budget,
-                    std::vector<std::array<uint32_t, 3>>& triangles) {
-  if (corners.size() < 3) return absl::OkStatus();
-  const uint64_t more = corners.size() - 2;
-  if (absl::Status full = budget.CheckTriangles(triangles.size() + more); !full.ok()) return full;
-  if (absl::Status full = budget.MakeRoom(triangles, more, "triangles"); !full.ok()) return full;
-  for (size_t i = 2; i < corners.size(); ++i) {
-    if (i % kElementsAStep == 0) {
-      if (absl::Status over = budget.job().Check(); !over.ok()) return over;
+absl::Status AddPosition(const Vec3d& position, LoadBudget& budget, Primitive& out) {
+  const Vec3f rounded = ToFloat(position);
+  if (absl::Status full = budget.MakeRoom(out.positions, 1, "vertices"); !full.ok()) return full;
+  out.positions.push_back(rounded);
+  std::vector<Vec3d>& doubles = out.double_positions;
+  if (doubles.empty()) {
+    if (position == Vec3d{rounded.x, rounded.y, rounded.z}) return absl::OkStatus();
+    const size_t before = out.positions.size() - 1;
+    if (absl::Status full = budget.MakeRoom(doubles, before + 1, "vertices"); !full.ok()) return full;
+    for (size_t i = 0; i < before; ++i) {
+      if (i % kElementsAStep == 0) {
+        if (absl::Status over = budget.job().Check(); !over.ok()) return over;
+      }
+      const Vec3f& p = out.positions[i];
+      doubles.push_back({p.x, p.y, p.z});
     }
-    triangles.push_back({corners[0], corners[i - 1], corners[i]});
   }
+  if (absl::Status full = budget.MakeRoom(doubles, 1, "vertices"); !full.ok()) return full;
+  doubles.push_back(position);
   return absl::OkStatus();
 }
 

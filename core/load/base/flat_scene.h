@@ -23,15 +23,18 @@ inline bool IsFinite(float value) {
 inline bool IsFinite(const Vec3f& p) {
   return IsFinite(p.x) && IsFinite(p.y) && IsFinite(p.z);
 }
+// The nearest floats; infinite beyond their range.
+inline Vec3f ToFloat(const Vec3d& p) {
+  return {static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)};
+}
 
 // Values that are not finite become 0; true if there were any. The job is polled; they stop early once it is over.
 bool CleanNormals(const JobContext& job, std::vector<Vec3f>& normals);
 bool CleanUv(const JobContext& job, std::vector<Vec2f>& uv);
 
-// Adds the triangles of a polygon, a fan from its first corner: (0, 1, 2), (0, 2, 3), ... Nothing for fewer than three.
+// Adds a vertex, with its position in double where a float cannot hold that. In: a position whose floats are finite.
 // Errors: RESOURCE_EXHAUSTED; the job's.
-absl::Status AddFan(const std::vector<uint32_t>& corners, LoadBudget& budget,
-                    std::vector<std::array<uint32_t, 3>>& triangles);
+absl::Status AddPosition(const Vec3d& position, LoadBudget& budget, Primitive& out);
 
 // A scene of one node and one mesh with these primitives; takes the budget's charge.
 Scene OneMeshScene(std::vector<Primitive> primitives, WarningList warnings, LoadBudget& budget);

@@ -3,6 +3,7 @@
 #include <charconv>
 #include <cstring>
 #include <limits>
+#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "base/text.h"
@@ -24,6 +25,17 @@ std::string_view WithoutPlus(std::string_view word) {
   return word;
 }
 
+// The library's answer for the whole word; empty if the word is no number.
+template <typename Real>
+std::optional<std::errc> Parse(std::string_view word, Real& value) {
+  if (word.size() > kMaxNumberBytes) return std::nullopt;
+  word = WithoutPlus(word);
+  const char* const end = word.data() + word.size();
+  const std::from_chars_result read = std::from_chars(word.data(), end, value);
+  if (read.ptr != end || word.empty()) return std::nullopt;
+  return read.ec;
+}
+
 }  // namespace
 
 bool TextPlace::GoOn() {
@@ -38,13 +50,13 @@ const char* TextLines::Find(const char* from, const char* end, char c) const {
     const void* const found = std::memchr(from, c, size_t(stop - from));
     if (found != nullptr) return static_cast<const char*>(found);
     from = stop;
-    if (from != end && !job_.Check().ok()) break;
+    if (from != end && !job_->Check().ok()) break;
   }
   return end;
 }
 
 TextLines::TextLines(std::string_view text, const JobContext& job)
-    : begin_(text.data()), job_(job), place_(text, &job) {
+    : begin_(text.data()), job_(&job), place_(text, &job) {
   if (text.substr(0, kByteOrderMark.size()) == kByteOrderMark) place_.Skip(kByteOrderMark.size());
   line_feed_ = Find(place_.at(), begin_ + text.size(), '\n');
 }
@@ -63,7 +75,7 @@ std::optional<std::string_view> TextLines::Next() {
   const bool pair = end < line_feed_ && end + 1 == line_feed_ && line_feed_ < text_end;  // "\r\n"
   const size_t line_end = end == text_end ? 0 : pair ? 2 : 1;
   place_.Skip(size_t(end - at) + line_end);
-  if (end - at >= kBytesAStep && !job_.Check().ok()) return std::nullopt;  // its end may not have been found
+  if (end - at >= kBytesAStep && !job_->Check().ok()) return std::nullopt;  // its end may not have been found
   return std::string_view(at, size_t(end - at));
 }
 
@@ -104,22 +116,23 @@ bool Contains(std::string_view text, std::string_view part, const JobContext& jo
   return false;
 }
 
-bool ReadFloat(std::string_view word, float& value) {
-  if (word.size() > kMaxNumberBytes) return false;
-  word = WithoutPlus(word);
-  const char* const end = word.data() + word.size();
-  const std::from_chars_result read = std::from_chars(word.data(), end, value);
-  if (read.ptr != end || word.empty()) return false;
-  if (read.ec == std::errc()) return true;
-  if (read.ec != std::errc::result_out_of_range) return false;
+bool ReadReal(std::string_view word, float& value) {
+  const std::optional<std::errc> read = Parse(word, value);
+  if (read == std::errc()) return true;
+  if (read != std::errc::result_out_of_range) return false;
   // The library does not say on which side it is out of range, but doubles have room on both.
   double wide = 0;
-  if (std::from_chars(word.data(), end, wide).ec == std::errc()) {
-    value = static_cast<float>(wide);
-    return true;
-  }
+  ReadReal(word, wide);
+  value = static_cast<float>(wide);
+  return true;
+}
+
+bool ReadReal(std::string_view word, double& value) {
+  const std::optional<std::errc> read = Parse(word, value);
+  if (read == std::errc()) return true;
+  if (read != std::errc::result_out_of_range) return false;
   const bool tiny = word.find("e-") != std::string_view::npos || word.find("E-") != std::string_view::npos;
-  value = tiny ? 0.0f : std::numeric_limits<float>::infinity();
+  value = tiny ? 0.0 : std::numeric_limits<double>::infinity();
   return true;
 }
 

@@ -82,8 +82,8 @@ class TextLines {
   // The first such character, or the end. In steps: a line may be as long as the text.
   const char* Find(const char* from, const char* end, char c) const;
 
-  const char* const begin_;
-  const JobContext& job_;
+  const char* begin_;
+  const JobContext* job_;
   TextPlace place_;
   const char* line_feed_;  // the first "\n" at or behind the place, searched once, so that a text without stays linear
   uint64_t number_ = 0;
@@ -122,10 +122,11 @@ class WordStream {
 // True if the text has the part; the job is polled. False once the job is over.
 bool Contains(std::string_view text, std::string_view part, const JobContext& job);
 
-// The word as a number, rounded once to float; false if it is none, or longer than kMaxNumberBytes. A leading "+" is
-// allowed. "nan" and "inf" are numbers, and one beyond the range of floats is infinite: callers check.
+// The word as a number, rounded once; false if it is none, or longer than kMaxNumberBytes. A leading "+" is allowed.
+// "nan" and "inf" are numbers, and one beyond the range of the type is infinite: callers check.
 inline constexpr size_t kMaxNumberBytes = 4096;
-bool ReadFloat(std::string_view word, float& value);
+bool ReadReal(std::string_view word, float& value);
+bool ReadReal(std::string_view word, double& value);
 // The same for integers; false also beyond 64 bits.
 bool ReadInteger(std::string_view word, int64_t& value);
 

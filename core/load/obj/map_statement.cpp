@@ -37,7 +37,7 @@ MapStatement ParseMapStatement(const JobContext& job, std::string_view arguments
       for (int i = 0; i < 3; ++i) {
         Words ahead = words;
         float value = 0;
-        if (!ReadFloat(ahead.Next(), value) || !IsFinite(value)) break;
+        if (!ReadReal(ahead.Next(), value) || !IsFinite(value)) break;
         if (!SameWord(word, "-t")) values[i] = value;
         words = ahead;
       }

@@ -19,7 +19,7 @@ constexpr uint64_t kBytesAMaterial = 512;  // beside itself: its name, its place
 // The numbers of a line; false if there are fewer, or one is not finite.
 bool Numbers(Words words, float* values, int count) {
   for (int i = 0; i < count; ++i) {
-    if (!ReadFloat(words.Next(), values[i]) || !IsFinite(values[i])) return false;
+    if (!ReadReal(words.Next(), values[i]) || !IsFinite(values[i])) return false;
   }
   return true;
 }

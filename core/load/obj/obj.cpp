@@ -127,38 +127,43 @@ class ObjReader {
   }
 
   // Up to `most` numbers. Out: how many, or the error of a word that is none.
-  absl::StatusOr<int> Numbers(Words& words, float* values, int most, const char* what) {
+  template <typename Real>
+  absl::StatusOr<int> Numbers(Words& words, Real* values, int most, const char* what) {
     int count = 0;
     for (; count < most; ++count) {
       const std::string_view word = NextNumber(words);
       if (word.empty()) break;
-      if (!ReadFloat(word, values[count])) return Bad(what, ": ", Quote(word), " is no number");
+      if (!ReadReal(word, values[count])) return Bad(what, ": ", Quote(word), " is no number");
     }
     return count;
   }
 
   absl::Status Vertex(Words& words) {
     any_known_ = true;
-    float v[7];
-    const absl::StatusOr<int> count = Numbers(words, v, 7, "a vertex");
+    double position[3];
+    const absl::StatusOr<int> coordinates = Numbers(words, position, 3, "a vertex");
+    if (!coordinates.ok()) return coordinates.status();
+    if (*coordinates < 3) return Bad("a vertex has three coordinates, not ", *coordinates);
+    const Vec3d p{position[0], position[1], position[2]};
+    if (!IsFinite(ToFloat(p))) return Bad("the vertex is not finite");
+    float more[4];
+    const absl::StatusOr<int> count = Numbers(words, more, 4, "a vertex");
     if (!count.ok()) return count.status();
-    if (*count < 3) return Bad("a vertex has three coordinates, not ", *count);
-    if (!IsFinite({v[0], v[1], v[2]})) return Bad("the vertex is not finite");
     if (absl::Status full = budget_.CheckVertices(positions_.size() + 1); !full.ok()) return full;
     if (absl::Status full = budget_.MakeRoom(positions_, 1, "vertices"); !full.ok()) return full;
-    positions_.push_back({v[0], v[1], v[2]});
-    if (*count == 5 && !std::exchange(warned_of_numbers_, true)) {
+    positions_.push_back(p);
+    if (*count == 2 && !std::exchange(warned_of_numbers_, true)) {
       Warn(WarningCode::kNonconformingFile, "a vertex of five numbers; the last two are ignored here and below");
     }
-    const bool colored = *count >= 6;
+    const bool colored = *count >= 3;
     if (!colored && colors_.empty()) return absl::OkStatus();
     // White is what shaders take where there is no colour.
     const uint64_t white = positions_.size() - colors_.size() - (colored ? 1 : 0);
     if (absl::Status full = budget_.MakeRoom(colors_, white + 1, "colours"); !full.ok()) return full;
     colors_.insert(colors_.end(), white, Vec4f{1, 1, 1, 1});
     if (!colored) return absl::OkStatus();
-    colors_.push_back(LinearColor({v[3], v[4], v[5], *count == 7 ? v[6] : 1.0f}));
-    if (std::max({v[3], v[4], v[5]}) > 1 && !std::exchange(warned_of_colors_, true)) {
+    colors_.push_back(LinearColor({more[0], more[1], more[2], *count == 4 ? more[3] : 1.0f}));
+    if (std::max({more[0], more[1], more[2]}) > 1 && !std::exchange(warned_of_colors_, true)) {
       Warn(WarningCode::kNonconformingFile, "a colour beyond 1; it is 1 here and below");
     }
     return absl::OkStatus();
@@ -260,7 +265,7 @@ class ObjReader {
                           absl::StrCat("no material library has the material ", Quote(scene_.materials[i].name),
                                        "; it has the defaults"));
     }
-    std::vector<Primitive> primitives = mesh_.Take();
+    std::vector<Primitive> primitives = mesh_.Take(scene_.warnings);
     bool odd_normals = false, odd_uv = false;
     for (Primitive& primitive : primitives) {
       odd_normals = CleanNormals(budget_.job(), primitive.normals) || odd_normals;
@@ -290,7 +295,8 @@ class ObjReader {
   LoadBudget& budget_;
   Scene scene_;  // materials, textures, images and warnings
   obj::Materials materials_;
-  std::vector<Vec3f> positions_, normals_;
+  std::vector<Vec3d> positions_;
+  std::vector<Vec3f> normals_;
   std::vector<Vec2f> uv_;
   std::vector<Vec4f> colors_;  // empty, or as many as positions
   CornerMesh mesh_;

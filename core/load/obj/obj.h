@@ -19,7 +19,7 @@ namespace voxelpipe {
 bool IsObj(const JobContext& job, std::string_view text);
 
 // In: a whole file whose material libraries and textures are data: URIs (load/pack_obj.h makes them); other names
-// are never opened, and give a warning. Out: one mesh. Polygons become fans from their first corner, in file order;
+// are never opened, and give a warning. Out: one mesh. Polygons become triangles (base/polygons.h) in file order;
 // each change of material begins a primitive. A material that no library has is a default one of its own. Colours of
 // vertices ("v x y z r g b", from 0 to 1) and of materials are sRGB, as programs write them, and are converted to
 // linear. v of texture coordinates points up, that of TEXCOORD_0 down. Points, lines and groups are ignored, free-form

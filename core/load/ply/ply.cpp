@@ -7,6 +7,7 @@
 
 #include "load/base/flat_scene.h"
 #include "load/base/load_budget.h"
+#include "load/base/polygons.h"
 #include "load/ply/ply_header.h"
 #include "load/ply/ply_values.h"
 
@@ -77,11 +78,14 @@ class BodyReader {
     }
     for (const Element& element : header_.elements) {
       if (absl::Status bad = CheckCount(element); !bad.ok()) return bad;
-      absl::Status bad = element.name == "vertex" ? ReadVertices(element)
-                         : element.name == "face" ? ReadFaces(element)
-                                                  : SkipElement(element);
+      absl::Status bad = element.name == "vertex"      ? ReadVertices(element)
+                         : element.name == "face"      ? ReadFaces(element)
+                         : element.name == "tristrips" ? ReadStrips(element)
+                                                       : SkipElement(element);
       if (!bad.ok()) return bad;
     }
+    if (absl::Status bad = AddWaiting(); !bad.ok()) return bad;
+    polygons_.Finish(warnings_);
     if (const std::string unread = values_.Unread(); !unread.empty()) {
       warnings_.Add(WarningCode::kCountMismatch, "",
                     absl::StrCat(unread, " belong to no element and are ignored; the header may not fit the data"));
@@ -89,7 +93,7 @@ class BodyReader {
     if (header_.names_texture) {
       warnings_.Add(WarningCode::kExtensionIgnored, "", "the comment TextureFile is ignored: PLY has no textures");
     }
-    if (!has_faces_) out_.points_or_lines = true;
+    if (!has_faces_ && !has_strips_) out_.points_or_lines = true;
     return std::move(out_);
   }
 
@@ -181,12 +185,17 @@ class BodyReader {
       if (full.ok()) full = budget_.MakeRoom(attribute.values, count, "attributes");
     }
     if (!full.ok()) return full;
+    Vec3d position;
     for (uint64_t row = 0; row < count; ++row) {
       if (absl::Status over = Poll(row); !over.ok()) return over;
       for (size_t i = 0; i < slots.size(); ++i) {
         const Property& property = element.properties[i];
         if (slots[i] < 0) {
           if (absl::Status bad = SkipProperty(element, row, property); !bad.ok()) return bad;
+          continue;
+        }
+        if (slots[i] <= kZ) {
+          if (!values_.Double(property.type, position[slots[i]])) return Missing(element, row, property);
           continue;
         }
         float value = 0;
@@ -198,9 +207,9 @@ class BodyReader {
           odd_attributes_ = odd_attributes_ || !IsFinite(value);
         }
       }
-      const Vec3f p{vertex[kX], vertex[kY], vertex[kZ]};
-      if (!IsFinite(p)) return budget_.Invalid("vertex ", row, " is not finite");
-      out_.positions.push_back(p);
+      if (!IsFinite(ToFloat(position))) return budget_.Invalid("vertex ", row, " is not finite");
+      full = AddPosition(position, budget_, out_);
+      if (!full.ok()) return full;
       if (normals) out_.normals.push_back({vertex[kNx], vertex[kNy], vertex[kNz]});
       if (uv) out_.uv[0].push_back({vertex[kU], 1 - vertex[kV]});
       if (colors) {
@@ -223,21 +232,28 @@ class BodyReader {
     return property.list && (property.name == "vertex_indices" || property.name == "vertex_index");
   }
 
-  absl::Status ReadFaces(const Element& element) {
+  // Refuses an element without a list of vertices, or with two.
+  absl::Status CheckIndexList(const Element& element, bool& has_list) const {
     for (const Property& property : element.properties) {
-      if (IsIndexList(property)) {
-        if (has_faces_) return budget_.Invalid("line ", element.line, ": faces with two lists of vertices");
-        has_faces_ = true;
-        if (ply::IsFloat(property.type)) {
-          return budget_.Invalid("line ", element.line, ": indices of vertices of a floating-point type");
-        }
-      } else if (SlotOf(property.name).value_or(kX) >= kRed || property.name == "texcoord") {
-        warnings_.Add(WarningCode::kExtensionIgnored, "face",
-                      absl::StrCat("the property ", Quote(property.name), " of faces is ignored"));
+      if (!IsIndexList(property)) continue;
+      if (has_list) {
+        return budget_.Invalid("line ", element.line, ": the element ", element.name, " has two lists of vertices");
+      }
+      has_list = true;
+      if (ply::IsFloat(property.type)) {
+        return budget_.Invalid("line ", element.line, ": indices of vertices of a floating-point type");
       }
     }
-    if (!has_faces_ && element.count > 0) {
-      return budget_.Invalid("line ", element.line, ": the element face lacks the list vertex_indices");
+    if (has_list || element.count == 0) return absl::OkStatus();
+    return budget_.Invalid("line ", element.line, ": the element ", element.name, " lacks the list vertex_indices");
+  }
+
+  absl::Status ReadFaces(const Element& element) {
+    if (absl::Status bad = CheckIndexList(element, has_faces_); !bad.ok()) return bad;
+    for (const Property& property : element.properties) {
+      if (SlotOf(property.name).value_or(kX) < kRed && property.name != "texcoord") continue;
+      warnings_.Add(WarningCode::kExtensionIgnored, "face",
+                    absl::StrCat("the property ", Quote(property.name), " of faces is ignored"));
     }
     std::vector<uint32_t> corners;
     for (uint64_t row = 0; row < element.count && has_faces_; ++row) {
@@ -255,6 +271,17 @@ class BodyReader {
     return absl::OkStatus();
   }
 
+  // In: at least 0, or -1 where `restarts`. A wrong index is an error.
+  absl::StatusOr<int64_t> ReadIndex(const Element& element, uint64_t row, const Property& property, bool restarts) {
+    int64_t index = 0;
+    if (!values_.Integer(property.type, index)) return Missing(element, row, property);
+    if (restarts && index == -1) return index;
+    if (index < 0 || uint64_t(index) >= vertices_) {
+      return budget_.Invalid(element.name, " ", row, ": vertex ", index, " does not exist: there are ", vertices_);
+    }
+    return index;
+  }
+
   absl::Status ReadFace(const Element& element, uint64_t row, const Property& property,
                         std::vector<uint32_t>& corners) {
     const absl::StatusOr<uint64_t> count = ListCount(element, row, property);
@@ -263,15 +290,67 @@ class BodyReader {
     if (absl::Status full = budget_.MakeRoom(corners, *count, "a face"); !full.ok()) return full;
     for (uint64_t i = 0; i < *count; ++i) {
       if (absl::Status over = Poll(i + 1); !over.ok()) return over;
-      int64_t index = 0;
-      if (!values_.Integer(property.type, index)) return Missing(element, row, property);
-      if (index < 0 || uint64_t(index) >= vertices_) {
-        return budget_.Invalid("face ", row, ": vertex ", index, " does not exist: there are ", vertices_);
-      }
-      corners.push_back(uint32_t(index));
+      const absl::StatusOr<int64_t> index = ReadIndex(element, row, property, false);
+      if (!index.ok()) return index.status();
+      corners.push_back(uint32_t(*index));
     }
     if (*count < 3) ++few_corners_;
-    return AddFan(corners, budget_, out_.triangles);
+    if (out_.positions.size() == vertices_) return polygons_.Add(corners, out_);
+    // The vertices come later, and without them a polygon has no triangles.
+    if (absl::Status full = budget_.MakeRoom(waiting_, *count + 1, "faces"); !full.ok()) return full;
+    waiting_.push_back(uint32_t(*count));
+    waiting_.insert(waiting_.end(), corners.begin(), corners.end());
+    return absl::OkStatus();
+  }
+
+  absl::Status AddWaiting() {
+    for (size_t at = 0, faces = 0; at < waiting_.size(); at += 1 + waiting_[at], ++faces) {
+      if (absl::Status over = Poll(faces); !over.ok()) return over;
+      const std::span<const uint32_t> corners(&waiting_[at] + 1, waiting_[at]);
+      if (absl::Status bad = polygons_.Add(corners, out_); !bad.ok()) return bad;
+    }
+    budget_.Drop(waiting_);
+    return absl::OkStatus();
+  }
+
+  // Strips of triangles, each of which ends at an index -1. Every second triangle swaps its last two corners.
+  absl::Status ReadStrips(const Element& element) {
+    if (absl::Status bad = CheckIndexList(element, has_strips_); !bad.ok()) return bad;
+    for (uint64_t row = 0; row < element.count && has_strips_; ++row) {
+      if (absl::Status over = Poll(row); !over.ok()) return over;
+      for (const Property& property : element.properties) {
+        absl::Status bad =
+            IsIndexList(property) ? ReadStrip(element, row, property) : SkipProperty(element, row, property);
+        if (!bad.ok()) return bad;
+      }
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status ReadStrip(const Element& element, uint64_t row, const Property& property) {
+    const absl::StatusOr<uint64_t> count = ListCount(element, row, property);
+    if (!count.ok()) return count.status();
+    uint32_t last[2] = {0, 0};
+    uint64_t corners = 0;  // of the strip so far
+    for (uint64_t i = 0; i < *count; ++i) {
+      if (absl::Status over = Poll(i + 1); !over.ok()) return over;
+      const absl::StatusOr<int64_t> index = ReadIndex(element, row, property, true);
+      if (!index.ok()) return index.status();
+      if (*index < 0) {
+        corners = 0;
+        continue;
+      }
+      const auto corner = uint32_t(*index);
+      if (++corners >= 3) {
+        if (absl::Status full = budget_.CheckTriangles(out_.triangles.size() + 1); !full.ok()) return full;
+        if (absl::Status full = budget_.MakeRoom(out_.triangles, 1, "triangles"); !full.ok()) return full;
+        const bool swap = corners % 2 == 0;
+        out_.triangles.push_back({last[0], swap ? corner : last[1], swap ? last[1] : corner});
+      }
+      last[0] = last[1];
+      last[1] = corner;
+    }
+    return absl::OkStatus();
   }
 
   Values values_;
@@ -280,7 +359,9 @@ class BodyReader {
   WarningList& warnings_;
   Primitive out_;
   uint64_t vertices_ = 0, few_corners_ = 0;
-  bool has_faces_ = false, odd_attributes_ = false;
+  bool has_faces_ = false, has_strips_ = false, odd_attributes_ = false;
+  Polygons polygons_{budget_};
+  std::vector<uint32_t> waiting_;  // faces before the vertices: the number of corners, and the corners
 };
 
 }  // namespace

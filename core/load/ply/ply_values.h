@@ -21,11 +21,18 @@ class TextValues {
   TextValues(std::string_view text, uint64_t first_line, const JobContext& job) : words_(text, first_line, &job) {}
 
   // False if there is no value, or none of that type: Fault says which.
-  bool Float(Type, float& value) { return ReadFloat(Next(), value); }
+  bool Float(Type, float& value) { return ReadReal(Next(), value); }
+  bool Double(Type type, double& value) {
+    if (type != Type::kFloat) return ReadReal(Next(), value);
+    float rounded = 0;
+    if (!ReadReal(Next(), rounded)) return false;
+    value = rounded;
+    return true;
+  }
   bool Integer(Type, int64_t& value) {
     if (ReadInteger(Next(), value)) return true;
     float number = 0;  // "3.0"
-    if (!ReadFloat(word_, number) || number != std::trunc(number) || std::abs(number) > float(1 << 24)) return false;
+    if (!ReadReal(word_, number) || number != std::trunc(number) || std::abs(number) > float(1 << 24)) return false;
     value = int64_t(number);
     return true;
   }
@@ -59,21 +66,8 @@ class BinaryValues {
  public:
   explicit BinaryValues(std::span<const uint8_t> bytes) : bytes_(bytes) {}
 
-  bool Float(Type type, float& value) {
-    if (IsFloat(type)) {
-      if (left() < SizeOf(type)) return false;
-      if (type == Type::kFloat) {
-        value = Take<float>();
-      } else {
-        value = float(Take<double>());
-      }
-      return true;
-    }
-    int64_t integer = 0;
-    if (!Integer(type, integer)) return false;
-    value = float(integer);
-    return true;
-  }
+  bool Float(Type type, float& value) { return Real(type, value); }
+  bool Double(Type type, double& value) { return Real(type, value); }
   bool Integer(Type type, int64_t& value) {
     if (left() < SizeOf(type)) return false;
     switch (type) {
@@ -100,6 +94,22 @@ class BinaryValues {
   static constexpr uint64_t CostOf(Type type) { return SizeOf(type); }
 
  private:
+  template <typename Out>
+  bool Real(Type type, Out& value) {
+    if (IsFloat(type)) {
+      if (left() < SizeOf(type)) return false;
+      if (type == Type::kFloat) {
+        value = Take<float>();
+      } else {
+        value = Out(Take<double>());
+      }
+      return true;
+    }
+    int64_t integer = 0;
+    if (!Integer(type, integer)) return false;
+    value = Out(integer);
+    return true;
+  }
   template <typename T>
   T Take() {
     uint8_t raw[sizeof(T)];

@@ -5,6 +5,7 @@
 #include <string_view>
 #include <utility>
 
+#include "base/text.h"
 #include "load/base/flat_scene.h"
 #include "load/base/load_budget.h"
 #include "load/base/text_reader.h"
@@ -16,6 +17,7 @@ static_assert(std::endian::native == std::endian::little);
 
 constexpr uint64_t kCountAt = 80, kFirstTriangleAt = 84, kTriangleBytes = 50;
 constexpr uint64_t kNormalBytes = 12, kVertexBytes = 12, kAttributeAt = 48;
+constexpr size_t kMaxNameBytes = 60;          // of a word in a warning
 constexpr uint64_t kElementsAStep = 1 << 14;  // between two polls of the job
 
 uint64_t DeclaredTriangles(std::span<const uint8_t> bytes) {
@@ -89,6 +91,18 @@ class AsciiReader {
           if (absl::Status bad = Solid(SameWord(word, "solid")); !bad.ok()) return bad;
           break;
         }
+        if (SameWord(word, "end")) {  // "end solid", "end facet" and "end loop" of some programs
+          const std::string_view what = words.Next();
+          WarnOfSpace(what);
+          if (SameWord(what, "solid")) {
+            if (absl::Status bad = Solid(false); !bad.ok()) return bad;
+            break;
+          }
+          if (SameWord(what, "loop")) continue;
+          if (!SameWord(what, "facet")) return Bad("'end' ", Quote(what), " is no statement of an ASCII STL");
+          if (absl::Status bad = EndFacet(); !bad.ok()) return bad;
+          continue;
+        }
         if (absl::Status bad = Statement(word, words); !bad.ok()) return bad;
       }
     }
@@ -104,6 +118,12 @@ class AsciiReader {
   template <typename... Parts>
   absl::Status Bad(const Parts&... what) const {
     return budget_.Invalid("line ", lines_.number(), ": ", what...);
+  }
+
+  void WarnOfSpace(std::string_view what) {
+    if (std::exchange(warned_of_space_, true)) return;
+    warnings_.Add(WarningCode::kNonconformingFile, absl::StrCat("line ", lines_.number()),
+                  absl::StrCat("'end ", CleanText(what, kMaxNameBytes), "' is read as one word, here and below"));
   }
 
   absl::Status Solid(bool begins) {
@@ -141,7 +161,7 @@ class AsciiReader {
     for (int axis = 0; axis < 3; ++axis) {
       const std::string_view word = words.Next();
       if (word.empty()) return Bad("a vertex has three numbers");
-      if (!ReadFloat(word, p[axis])) return Bad(Quote(word), " is no number");
+      if (!ReadReal(word, p[axis])) return Bad(Quote(word), " is no number");
     }
     if (!IsFinite(p)) return Bad("the vertex is not finite");
     corner_[corners_++] = p;
@@ -167,7 +187,7 @@ class AsciiReader {
   LoadBudget& budget_;
   WarningList& warnings_;
   Primitive out_;
-  bool in_solid_ = false, in_facet_ = false;
+  bool in_solid_ = false, in_facet_ = false, warned_of_space_ = false;
   uint64_t facet_line_ = 0;
   int corners_ = 0;
   Vec3f corner_[3];

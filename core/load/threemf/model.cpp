@@ -77,12 +77,13 @@ class PartReader {
     if (!*id) return Bad("the attribute '", std::string(name), "' is missing");
     return **id;
   }
-  absl::StatusOr<float> Number(const Attributes& attributes, std::string_view name) const {
+  // Its float is finite.
+  absl::StatusOr<double> Number(const Attributes& attributes, std::string_view name) const {
     const char* const text = attributes.Find(name);
     if (text == nullptr) return Bad("the attribute '", std::string(name), "' is missing");
-    float value = 0;
-    if (!ReadFloat(Words(text).Next(), value)) return Bad(std::string(name), "=", Quote(text), " is no number");
-    if (!IsFinite(value)) return Bad(std::string(name), "=", Quote(text), " is not finite");
+    double value = 0;
+    if (!ReadReal(Words(text).Next(), value)) return Bad(std::string(name), "=", Quote(text), " is no number");
+    if (!IsFinite(static_cast<float>(value))) return Bad(std::string(name), "=", Quote(text), " is not finite");
     return value;
   }
   static std::string Text(const Attributes& attributes, std::string_view name) {
@@ -98,9 +99,10 @@ class PartReader {
     WordStream words(text, 1);
     for (int row = 0; row < 4; ++row) {
       for (int column = 0; column < 3; ++column) {
-        float value = 0;
+        double value = 0;
         const std::string_view word = words.Next();
-        if (!ReadFloat(word, value) || !IsFinite(value)) return Bad("transform: ", Quote(word), " is no number");
+        if (!ReadReal(word, value) || !IsFinite(static_cast<float>(value)))
+          return Bad("transform: ", Quote(word), " is no number");
         matrix.m[column][row] = value;
       }
     }
@@ -180,10 +182,10 @@ class PartReader {
 
   absl::Status Vertex(const Attributes& attributes) {
     if (object_ == nullptr) return Bad("a vertex outside an object");
-    Vec3f p;
+    Vec3d p;
     constexpr std::string_view kAxes[] = {"x", "y", "z"};
     for (int axis = 0; axis < 3; ++axis) {
-      const absl::StatusOr<float> value = Number(attributes, kAxes[axis]);
+      const absl::StatusOr<double> value = Number(attributes, kAxes[axis]);
       if (!value.ok()) return value.status();
       p[axis] = *value;
     }
@@ -271,11 +273,11 @@ class PartReader {
 
   absl::Status AddUv(const Attributes& attributes) {
     if (group_ == nullptr || group_->kind != PropertyGroup::Kind::kTexture) return absl::OkStatus();
-    const absl::StatusOr<float> u = Number(attributes, "u"), v = Number(attributes, "v");
+    const absl::StatusOr<double> u = Number(attributes, "u"), v = Number(attributes, "v");
     if (!u.ok()) return u.status();
     if (!v.ok()) return v.status();
     if (absl::Status full = budget_.MakeRoom(group_->uv, 1, "texture coordinates"); !full.ok()) return full;
-    group_->uv.push_back({*u, *v});
+    group_->uv.push_back({static_cast<float>(*u), static_cast<float>(*v)});
     return absl::OkStatus();
   }
 

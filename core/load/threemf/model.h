@@ -50,7 +50,7 @@ struct Triangle {
 struct Object {
   int64_t id = 0;
   std::string name;
-  std::vector<Vec3f> vertices;
+  std::vector<Vec3d> vertices;
   std::vector<Triangle> triangles;
   std::vector<Reference> components;
   int64_t group = Triangle::kNone, property = 0;  // of triangles without

@@ -15,6 +15,7 @@
 #include "load/base/load_budget.h"
 #include "load/base/text_reader.h"
 #include "load/threemf/model.h"
+#include "load/threemf/slicer_parts.h"
 #include "load/threemf/xml_events.h"
 #include "load/threemf/zip_archive.h"
 
@@ -83,6 +84,7 @@ class SceneBuilder {
       scene_.nodes[0].children.push_back(*node);
     }
     budget_.Drop(items);
+    if (absl::Status bad = threemf::WarnOfSlicerParts(archive_, budget_, scene_.warnings); !bad.ok()) return bad;
     budget_.Drop(uv_);
     budget_.Drop(colors_);
     scene_.memory = budget_.Release();
@@ -205,7 +207,7 @@ class SceneBuilder {
     if (absl::Status full = budget_.Take(1, object.name.size(), "objects"); !full.ok()) return full;
     if (absl::Status full = budget_.MakeRoom(scene_.meshes, 1, "objects"); !full.ok()) return full;
     mesh = int32_t(scene_.meshes.size());
-    scene_.meshes.push_back(Mesh{object.name, corners.Take()});
+    scene_.meshes.push_back(Mesh{object.name, corners.Take(scene_.warnings)});
     budget_.Drop(object.vertices);
     budget_.Drop(object.triangles);
     return mesh;

@@ -16,7 +16,8 @@ namespace voxelpipe {
 // Base materials become materials, colours of a colour group and of base materials are sRGB and converted to linear,
 // texture groups become texture coordinates and a material each. A change of these within an object begins a primitive,
 // so that triangles keep their order. Other properties and extensions (beam lattices, slices) are ignored with a
-// warning. The production extension's parts are read. Errors: INVALID_ARGUMENT naming entry and line;
+// warning. The production extension's parts are read. Parts that slicers cut away give a
+// warning each. Errors: INVALID_ARGUMENT naming entry and line;
 // RESOURCE_EXHAUSTED naming the limit; the job's.
 absl::StatusOr<Scene> Load3mf(const JobContext& job, std::span<const uint8_t> bytes, const LoadLimits& limits);
 

@@ -34,8 +34,8 @@ uint64_t MorphBytes(const MorphData& morph) {
 }
 
 uint64_t PrimitiveBytes(const Primitive& primitive) {
-  uint64_t bytes = Bytes(primitive.positions) + Bytes(primitive.normals) + Bytes(primitive.tangents) +
-                   Bytes(primitive.colors) + Bytes(primitive.triangles);
+  uint64_t bytes = Bytes(primitive.positions) + Bytes(primitive.double_positions) + Bytes(primitive.normals) +
+                   Bytes(primitive.tangents) + Bytes(primitive.colors) + Bytes(primitive.triangles);
   for (int set = 0; set < 2; ++set) {
     bytes += Bytes(primitive.uv[set]) + Bytes(primitive.joints[set]) + Bytes(primitive.weights[set]);
   }

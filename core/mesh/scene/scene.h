@@ -36,10 +36,13 @@ struct MorphData {
 // index is proved to be below positions.size(). Each attribute array is empty or has positions.size() elements.
 struct Primitive {
   std::vector<Vec3f> positions;  // object space, morph targets at their default weights already applied
-  std::vector<Vec3f> normals;    // object space, as stored (not normalized)
-  std::vector<Vec4f> tangents;   // xyz object space, w = handedness
-  std::vector<Vec2f> uv[2];      // TEXCOORD_0, TEXCOORD_1; origin top-left
-  std::vector<Vec4f> colors;     // COLOR_0, linear, alpha 1 where the file has RGB
+  // The positions as the file has them in double; empty where it has floats, or only values that floats hold. Never with
+  // morph targets or joints.
+  std::vector<Vec3d> double_positions;
+  std::vector<Vec3f> normals;                      // object space, as stored (not normalized)
+  std::vector<Vec4f> tangents;                     // xyz object space, w = handedness
+  std::vector<Vec2f> uv[2];                        // TEXCOORD_0, TEXCOORD_1; origin top-left
+  std::vector<Vec4f> colors;                       // COLOR_0, linear, alpha 1 where the file has RGB
   std::vector<std::array<uint16_t, 4>> joints[2];  // JOINTS_0, JOINTS_1
   std::vector<std::array<float, 4>> weights[2];    // WEIGHTS_0, WEIGHTS_1
   std::vector<VertexAttribute> attributes;         // application-specific, each name once
@@ -48,6 +51,13 @@ struct Primitive {
   int32_t material = -1;         // index into Scene::materials, -1 = glTF's default material
   bool points_or_lines = false;  // drawn as points or lines: no triangles
 };
+
+// The position of a vertex, in double where the file has it so.
+inline Vec3d PositionOf(const Primitive& primitive, size_t vertex) {
+  if (!primitive.double_positions.empty()) return primitive.double_positions[vertex];
+  const Vec3f& p = primitive.positions[vertex];
+  return {p.x, p.y, p.z};
+}
 
 // Bytes of the arrays of morph data; of the arrays of a primitive, its morph data included.
 uint64_t MorphBytes(const MorphData& morph);

@@ -153,7 +153,7 @@ void ReadType(Fields& fields, AccessorDecl& accessor) {
 
 int ReadComponentType(Fields& fields) {
   const uint64_t type = fields.RequiredUnsigned("componentType");
-  if (type > 5126 || ComponentBytes(static_cast<int>(type)) == 0) {
+  if (type > kDoubleComponents || ComponentBytes(static_cast<int>(type)) == 0) {
     fields.Fail(absl::StrCat("componentType ", type, " is none of glTF's"));
     return 5126;
   }
@@ -272,6 +272,7 @@ uint32_t ComponentBytes(int component_type) {
     case 5123: return 2;
     case 5125:
     case 5126: return 4;
+    case kDoubleComponents: return 8;
     default: return 0;
   }
 }

@@ -80,6 +80,9 @@ struct Document {
 // wrong type, a dangling index. RESOURCE_EXHAUSTED naming the limit.
 absl::StatusOr<Document> ParseDocument(const JobContext& job, std::string_view json, const LoadLimits& limits);
 
+// componentType of 64-bit floats, of the extension KHR_accessor_float64.
+inline constexpr int kDoubleComponents = 5130;
+
 // Bytes of one component, 0 for an unknown type.
 uint32_t ComponentBytes(int component_type);
 

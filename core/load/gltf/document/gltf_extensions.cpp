@@ -20,6 +20,7 @@ constexpr Row kTable[] = {
     {"EXT_meshopt_compression", kRead},
     {"KHR_meshopt_compression", kRead},
     {"KHR_mesh_quantization", kRead},
+    {"KHR_accessor_float64", kRead},
     {"EXT_mesh_gpu_instancing", kRead},
     {"KHR_node_visibility", kRead},
     {"CESIUM_RTC", kRead},

@@ -63,7 +63,7 @@ C Load(const uint8_t* at) {
 template <typename T, typename C>
 T Convert(C value, bool normalized) {
   if constexpr (std::is_same_v<T, float>) {
-    if constexpr (std::is_same_v<C, float>) return value;
+    if constexpr (std::is_floating_point_v<C>) return static_cast<float>(value);
     if (!normalized) return static_cast<float>(value);
     // glTF 2.0, section 3.6.2.2: f = max(c / max, -1) for signed types.
     const float scaled =
@@ -115,6 +115,7 @@ absl::Status CopyTyped(const JobContext& job, const Run& run, const AccessorDecl
       case 5122: CopyRun<T, int16_t>(run, decl, begin, end, out, places); break;
       case 5123: CopyRun<T, uint16_t>(run, decl, begin, end, out, places); break;
       case 5125: CopyRun<T, uint32_t>(run, decl, begin, end, out, places); break;
+      case kDoubleComponents: CopyRun<T, double>(run, decl, begin, end, out, places); break;
       default: CopyRun<T, float>(run, decl, begin, end, out, places); break;
     }
   }
@@ -124,7 +125,7 @@ absl::Status CopyTyped(const JobContext& job, const Run& run, const AccessorDecl
 // The elements of a run in the file, if they have the layout of E; null if they must be converted or gathered.
 template <typename T, typename E>
 const E* InPlace(const Run& run, const AccessorDecl& decl) {
-  constexpr int kType = std::is_same_v<T, float> ? 5126 : 5125;
+  constexpr int kType = std::is_same_v<T, float> ? 5126 : (std::is_same_v<T, double> ? kDoubleComponents : 5125);
   if (decl.component_type != kType || decl.matrix || run.stride != ColumnBytes(decl)) return nullptr;
   const uint8_t* const first = run.bytes.data() + run.offset;
   return reinterpret_cast<uintptr_t>(first) % alignof(E) == 0 ? reinterpret_cast<const E*>(first) : nullptr;
@@ -231,6 +232,10 @@ absl::StatusOr<std::vector<V>> AccessorReader::Vectors(uint32_t accessor) const 
 template absl::StatusOr<std::vector<Vec2f>> AccessorReader::Vectors(uint32_t) const;
 template absl::StatusOr<std::vector<Vec3f>> AccessorReader::Vectors(uint32_t) const;
 template absl::StatusOr<std::vector<Vec4f>> AccessorReader::Vectors(uint32_t) const;
+
+absl::StatusOr<std::vector<Vec3d>> AccessorReader::Doubles(uint32_t accessor) const {
+  return Read<double, Vec3d>(accessor);
+}
 
 absl::Status AccessorReader::CheckUnsigned(uint32_t accessor) const {
   if (IsUnsignedType(document_.accessors[accessor].component_type)) return absl::OkStatus();

@@ -31,6 +31,9 @@ class AccessorReader {
   template <typename V>
   absl::StatusOr<std::vector<V>> Vectors(uint32_t accessor) const;
 
+  // A VEC3 accessor of kDoubleComponents (the caller has checked).
+  absl::StatusOr<std::vector<Vec3d>> Doubles(uint32_t accessor) const;
+
   // SCALAR (or, for joints, any) unsigned integers. INVALID_ARGUMENT for other component types.
   absl::StatusOr<std::vector<uint32_t>> Unsigned(uint32_t accessor) const;
 

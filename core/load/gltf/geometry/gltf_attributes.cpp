@@ -54,6 +54,14 @@ absl::StatusOr<std::optional<AttributeValues>> AttributeSource::Find(const std::
   return AttributeValues{decl.matrix ? 0 : decl.components, *std::move(values), absl::StrCat("accessor ", accessor)};
 }
 
+absl::StatusOr<std::vector<Vec3d>> AttributeSource::DoublePositions() const {
+  const auto it = accessors_.find("POSITION");
+  if (draco_ || it == accessors_.end()) return std::vector<Vec3d>();
+  const auto accessor = static_cast<uint32_t>(it->second);
+  if (context_.accessors.decl(accessor).component_type != kDoubleComponents) return std::vector<Vec3d>();
+  return context_.accessors.Doubles(accessor);
+}
+
 template <typename V>
 absl::StatusOr<std::optional<AttributeVectors<V>>> AttributeSource::FindVectors(const std::string& name) {
   constexpr int kComponents = sizeof(V) / sizeof(float);

@@ -46,6 +46,9 @@ class AttributeSource {
   template <typename V>
   absl::StatusOr<std::optional<AttributeVectors<V>>> FindVectors(const std::string& name);
 
+  // POSITION in double, of a plain accessor of 64-bit floats; empty if it has no such.
+  absl::StatusOr<std::vector<Vec3d>> DoublePositions() const;
+
   // Names of application-specific attributes, which begin with an underscore, ascending.
   std::vector<std::string> OwnNames() const;
 

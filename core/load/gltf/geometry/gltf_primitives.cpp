@@ -420,6 +420,11 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
     return bad;
   }
   if (absl::Status bad = Filler(source, out, where, context).Fill(); !bad.ok()) return bad;
+  if (primitive.targets.empty() && out.joints[0].empty()) {
+    absl::StatusOr<std::vector<Vec3d>> doubles = source.DoublePositions();
+    if (!doubles.ok()) return At(where, doubles.status());
+    out.double_positions = *std::move(doubles);
+  }
   WarnOfJointSets(primitive, where, context);
   if (absl::Status bad = Morph(primitive, weights, where, out, context); !bad.ok()) return bad;
   if (out.morph) {

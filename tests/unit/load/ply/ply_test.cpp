@@ -116,6 +116,38 @@ TEST(PlyTest, AlphaAndFloatColors) {
   EXPECT_TRUE(primitive.points_or_lines) << "a cloud of points";
 }
 
+TEST(PlyTest, ReadsStripsOfTriangles) {
+  const std::string head =
+      "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\n"
+      "element tristrips 1\nproperty list int int vertex_indices\nend_header\n";
+  std::string vertices;
+  for (int i = 0; i < 9; ++i) vertices += std::to_string(i) + " 0 0\n";
+  const absl::StatusOr<Scene> scene = LoadText(head + vertices + "10 0 1 2 3 4 5 -1 6 7 8\n");
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  using Triangle = std::array<uint32_t, 3>;
+  EXPECT_THAT(
+      scene->meshes[0].primitives[0].triangles,
+      ElementsAre(Triangle{0, 1, 2}, Triangle{1, 3, 2}, Triangle{2, 3, 4}, Triangle{3, 5, 4}, Triangle{6, 7, 8}));
+  EXPECT_THAT(scene->warnings.kept(), IsEmpty());
+  EXPECT_FALSE(scene->meshes[0].primitives[0].points_or_lines);
+  EXPECT_THAT(ErrorOf(head + vertices + "3 0 1 -2\n"), HasSubstr("tristrips 0: vertex -2 does not exist"));
+  EXPECT_THAT(ErrorOf(head + vertices + "3 0 1 9\n"), HasSubstr("tristrips 0: vertex 9 does not exist"));
+}
+
+// Without its vertices it is not known which triangles a polygon has.
+TEST(PlyTest, ConcaveFacesMayComeBeforeVertices) {
+  const absl::StatusOr<Scene> scene = LoadText(
+      "ply\nformat ascii 1.0\nelement face 2\nproperty list uchar int vertex_indices\nelement vertex 4\n"
+      "property float x\nproperty float y\nproperty float z\nend_header\n3 0 1 2\n4 1 2 3 0\n"
+      "0 0 0\n4 -3 0\n2 0 0\n4 3 0\n");
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  double area = 0;
+  const std::vector<Vec3f> corners = testing::CornersOf(*scene);
+  ASSERT_EQ(corners.size(), 9u);
+  for (size_t t = 0; t < 9; t += 3) area += Cross(corners[t + 1] - corners[t], corners[t + 2] - corners[t]).z / 2;
+  EXPECT_EQ(area, 3 + 6);
+}
+
 TEST(PlyTest, RefusesMalformedHeaders) {
   EXPECT_EQ(ErrorOf("plyx\n", MeshFormat::kPly), "PLY: line 1: a PLY file begins with 'ply'");
   EXPECT_EQ(ErrorOf("ply\nformat ascii 1.0\n"), "PLY: line 2: the header has no 'end_header'; the file may be cut off");

@@ -66,6 +66,17 @@ TEST(StlTest, ReadsAscii) {
   }
 }
 
+TEST(StlTest, ReadsAsciiWithASpaceBehindEnd) {
+  const absl::StatusOr<Scene> scene = LoadText(
+      "solid a b\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nend loop\nEND FACET\n"
+      "facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 2 0 end loop end facet\nend solid a b\n");
+  ASSERT_TRUE(scene.ok()) << scene.status();
+  EXPECT_EQ(testing::CornersOf(*scene).size(), 6u);
+  EXPECT_THAT(testing::Lines(scene->warnings),
+              ::testing::ElementsAre("line 7: 'end loop' is read as one word, here and below"));
+  EXPECT_THAT(ErrorOf("solid\nfacet normal 0 0 1\nend\n"), ::testing::HasSubstr("line 3: 'end' ''"));
+}
+
 TEST(StlTest, WarnsOfWhatItIgnores) {
   EXPECT_THAT(Codes(LoadText(BinaryStl(kTwo, "", 7))->warnings), ElementsAre("extension_ignored"));
   EXPECT_THAT(Codes(LoadText(BinaryStl(kTwo) + "xyz", MeshFormat::kStl)->warnings), ElementsAre("nonconforming_file"));

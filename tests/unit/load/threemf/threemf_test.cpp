@@ -50,6 +50,32 @@ std::vector<Vec3d> FlatPositions(const std::string& file) {
   return mesh.ok() ? std::vector<Vec3d>(mesh->positions.begin(), mesh->positions.end()) : std::vector<Vec3d>();
 }
 
+// Their triangles are in the model like those of a solid, and only the slicer's settings say what they are.
+TEST(ThreemfTest, PartsThatASlicerCutsAwayAreNamed) {
+  const std::string model = Model3mf(ObjectOf(1, k3mfTriangle), k3mfItem);
+  ZipMaker prusa = Package3mf(model);
+  prusa.Add("Metadata/Slic3r_PE_model.config",
+            "<?xml version=\"1.0\"?><config><object id=\"1\"><metadata type=\"object\" key=\"name\" value=\"all\"/>"
+            "<volume firstid=\"0\" lastid=\"0\"><metadata type=\"volume\" key=\"name\" value=\"Box\"/>"
+            "<metadata type=\"volume\" key=\"volume_type\" value=\"ModelPart\"/></volume>"
+            "<volume firstid=\"1\" lastid=\"1\"><metadata type=\"volume\" key=\"name\" value=\"Hole\"/>"
+            "<metadata type=\"volume\" key=\"volume_type\" value=\"NegativeVolume\"/></volume></object></config>");
+  EXPECT_THAT(
+      Lines(LoadText(prusa.Bytes())->warnings),
+      ElementsAre("Metadata/Slic3r_PE_model.config: the part 'Hole' is a NegativeVolume: a slicer cuts it away; "
+                  "here it is a solid"));
+  ZipMaker bambu = Package3mf(model);
+  bambu.Add(
+      "Metadata/model_settings.config",
+      "<config><object id=\"1\"><part id=\"1\" subtype=\"normal_part\"/><part id=\"2\" subtype=\"negative_part\">"
+      "<metadata key=\"name\" value=\"Cut\"/></part><part id=\"3\" subtype=\"support_blocker\"/></object></config>");
+  EXPECT_THAT(Lines(LoadText(bambu.Bytes())->warnings), ElementsAre(HasSubstr("the part 'Cut' is a negative_part"),
+                                                                    HasSubstr("the part '' is a support_blocker")));
+  ZipMaker broken = Package3mf(model);
+  broken.Add("Metadata/model_settings.config", "<config><object>");
+  EXPECT_THAT(Lines(LoadText(broken.Bytes())->warnings), ElementsAre(HasSubstr("cannot be read; they are ignored")));
+}
+
 TEST(ThreemfTest, IsInMetres) {
   const std::string object = ObjectOf(1, k3mfTriangle);
   for (const auto& [unit, shown, metres] : {std::tuple{"", "mm", 0.001},
