@@ -288,7 +288,9 @@ def vox(case):
             assert np.array_equal(np.array([[v["x"], v["y"], v["z"], v["i"]] for v in own], int).reshape(-1, 4), data)
             centre = np.array([size["x"], size["y"], size["z"]]) // 2
             at = data[:, :3] + np.array(shift) - centre
-            cells += [[x, z, case.dims[2] - 1 - y] for x, y, z in at]
+            # The grid's centre is at 0: MagicaVoxel takes voxels from -1000 to 999.
+            middle = np.array([case.dims[0], case.dims[2], case.dims[1]]) // 2
+            cells += [[x, z, case.dims[2] - 1 - y] for x, y, z in at + middle]
             colours += [read["rgba"]["values"][i - 1] for i in data[:, 3]]
             places += list(at)
         expected.check(cells, None)

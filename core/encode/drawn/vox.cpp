@@ -1,7 +1,8 @@
 // MagicaVoxel's scenes, version 200: models of at most 256 voxels a side, placed by a scene graph.
 //
 // Sources: ephtracy, "MagicaVoxel .vox File Format" and "... Extension", 2016 to 2022. A transform places the centre of
-// a model, floor(size / 2). z points up, so that (x, y, z) of the grid is (x, nz - 1 - z, y) there.
+// a model, floor(size / 2). z points up, so that (x, y, z) of the grid is (x, nz - 1 - z, y) there. Programs take
+// voxels from -1000 to 999, so the grid's centre is at 0.
 #include <algorithm>
 #include <array>
 #include <limits>
@@ -55,7 +56,7 @@ std::string Transform(int32_t id, int32_t child, const std::array<int64_t, 3>* c
   return Chunk("nTRN", node);
 }
 
-std::string SceneGraph(const std::vector<Model>& models) {
+std::string SceneGraph(const std::vector<Model>& models, const std::array<int64_t, 3>& dims) {
   // 0: the root, 1: the group, then a transform and a shape for each model.
   std::string graph = Transform(0, 1, nullptr);
   Bytes group;
@@ -66,7 +67,7 @@ std::string SceneGraph(const std::vector<Model>& models) {
   graph += Chunk("nGRP", group);
   for (size_t m = 0; m < models.size(); ++m) {
     std::array<int64_t, 3> centre{};
-    for (size_t a = 0; a < 3; ++a) centre[a] = models[m].first[a] + models[m].size[a] / 2;
+    for (size_t a = 0; a < 3; ++a) centre[a] = models[m].first[a] + models[m].size[a] / 2 - dims[a] / 2;
     graph += Transform(int32_t(2 + 2 * m), int32_t(3 + 2 * m), &centre);
     Bytes shape;
     shape.Put(int32_t(3 + 2 * m));
@@ -180,7 +181,7 @@ absl::Status EncodeVox(const DrawnResult& drawn, AtomicFile& file, const JobCont
     const uint32_t rgb = c < palette->colours.size() ? palette->colours[c] : 0;
     colours.Put(uint8_t(rgb >> 16)).Put(uint8_t(rgb >> 8)).Put(uint8_t(rgb)).Put(uint8_t{255});
   }
-  const std::string end = SceneGraph(*models) + Chunk("RGBA", colours);
+  const std::string end = SceneGraph(*models, blocks.dims) + Chunk("RGBA", colours);
   Bytes begin;
   begin.Text("VOX ").Put(int32_t{200}).Text("MAIN").Put(int32_t{0}).Put(int32_t(children + end.size()));
   s = file.Write(begin.span(), job);

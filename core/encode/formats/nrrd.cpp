@@ -25,6 +25,7 @@ std::string_view NrrdName(ElementType type) {
   }
 }
 
+// The axes are those of .nii.gz: programs that turn them, as ITK does, place both files alike.
 // Sizes are those of the file, the fastest first. The components of a vector are an axis of its own without a place:
 // the fastest if interleaved, the slowest if planar.
 std::string NrrdHead(const ResultHeader& header) {
@@ -40,7 +41,7 @@ std::string NrrdHead(const ResultHeader& header) {
   };
   const Vec3d &h = grid.voxel_size, &o = grid.origin;
   return absl::StrCat("NRRD0004\n# voxelpipe\ntype: ", std::string(NrrdName(header.arrays[0].type)),
-                      "\ndimension: ", components > 1 ? 4 : 3, "\nspace dimension: 3\nsizes: ",
+                      "\ndimension: ", components > 1 ? 4 : 3, "\nspace: right-anterior-superior\nsizes: ",
                       axes(absl::StrCat(components), absl::StrCat(grid.dims[0], " ", grid.dims[1], " ", grid.dims[2])),
                       "space directions: ",
                       axes("none", absl::StrCat(vector(h.x, 0, 0), " ", vector(0, h.y, 0), " ", vector(0, 0, h.z))),

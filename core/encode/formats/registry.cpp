@@ -25,7 +25,12 @@ std::string TargetsNotDrawn(const ResultHeader& header) {
 }
 
 std::string PlaceNotInVox(const ResultHeader& header) {
+  constexpr int64_t kMaxDim = 2000;  // from -1000 to 999
   std::string lost = "MagicaVoxel has no place for the grid's origin and voxel size";
+  const auto& dims = header.grid.dims;
+  if (std::any_of(dims.begin(), dims.end(), [](int64_t dim) { return dim > kMaxDim; })) {
+    Append(lost, "it takes voxels from -1000 to 999 along each axis: the grid, whose centre is at 0, reaches beyond");
+  }
   if (const std::string targets = TargetsNotDrawn(header); !targets.empty()) Append(lost, targets);
   return lost;
 }

@@ -64,6 +64,37 @@ TEST(FormatRegistry, NamesFormatsThatHoldWhatAnotherCannot) {
   EXPECT_THAT(message(".xyz", ResultKind::kDense, 1), HasSubstr("known extensions are .npy, .npz"));
 }
 
+// Programs take voxels from -1000 to 999.
+TEST(VoxFile, IsCentredAndSaysWhatReachesBeyond) {
+  const auto header = [](const std::array<int64_t, 3>& dims) {
+    VoxelizeRequest request;
+    request.result = ResultKind::kSparse;
+    GridSpec grid;
+    grid.dims = dims;
+    return MakeResultHeader(request, grid, 2, 2, 0);
+  };
+  const OutputFormat* const vox = FindFormat(".vox");
+  ASSERT_NE(vox, nullptr);
+  EXPECT_THAT(vox->not_kept(header({2000, 2000, 2000})), Not(HasSubstr("-1000")));
+  EXPECT_THAT(vox->not_kept(header({5, 5, 2001})), HasSubstr("from -1000 to 999 along each axis"));
+
+  // A voxel at each end of a long grid.
+  VoxelizeResult result = AllocateResult(header({2000, 8, 8})).value();
+  const std::array<uint64_t, 2> bricks = {0, 249};
+  std::memcpy(result.bricks.data(), bricks.data(), sizeof bricks);
+  std::memset(result.masks.data(), 0, result.masks.size());
+  result.masks.data()[0] = 1;                 // (0, 0, 0)
+  result.masks.data()[64] = uint8_t{1} << 7;  // (7, 0, 0) of the last brick
+  std::memset(result.targets[0].data(), 0xff, result.targets[0].size());
+  const TemporaryDirectory directory;
+  ASSERT_TRUE(WriteResult(result, directory / "a.vox").ok());
+  const std::vector<uint8_t> file = ReadFile(directory / "a.vox");
+  const std::string text(file.begin(), file.end());
+  // The centres of models of 256 and 208 voxels.
+  EXPECT_THAT(text, HasSubstr("_t" + std::string("\x08\0\0\0", 4) + "-872 0 0"));
+  EXPECT_THAT(text, HasSubstr("_t" + std::string("\x07\0\0\0", 4) + "896 0 0"));
+}
+
 // Every file of a directory by its name in it; temporary numbers are no part of them.
 std::map<std::string, std::vector<uint8_t>> FilesOf(const TemporaryDirectory& directory) {
   std::map<std::string, std::vector<uint8_t>> files;

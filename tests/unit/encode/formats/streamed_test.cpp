@@ -150,6 +150,7 @@ TEST(NrrdFile, HasComponentsFirstOrLast) {
     EXPECT_THAT(head, HasSubstr(planar ? "\nsizes: 4 5 6 3\n" : "\nsizes: 3 4 5 6\n"));
     EXPECT_THAT(head,
                 HasSubstr(planar ? "(0,0,0.4) none\n" : "\nspace directions: none (0.1,0,0) (0,0.2,0) (0,0,0.4)\n"));
+    EXPECT_THAT(head, HasSubstr("\nspace: right-anterior-superior\n")) << "as in .nii.gz";
     EXPECT_THAT(head, HasSubstr("\nspace origin: (10.05,20.1,30.2)\n"));
     const auto stored = result.targets[0].bytes();
     EXPECT_EQ(Inflated({reinterpret_cast<const uint8_t*>(&file[end]), file.size() - end}),
