@@ -121,6 +121,12 @@ absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box) {
     grid.voxel_size = *request.voxel_size;
     return Finish(grid, request.padding);
   }
+  const int64_t n = request.resolution;
+  const bool cube = request.fit == GridFit::kCube && !request.voxel_size;
+  if (box.empty && cube) {
+    grid.dims = {n, n, n};
+    return Finish(grid, request.padding);
+  }
   if (box.empty) {  // no triangles: one clear voxel around the origin
     if (request.voxel_size) grid.voxel_size = *request.voxel_size;
     grid.origin = {-0.5 * grid.voxel_size.x, -0.5 * grid.voxel_size.y, -0.5 * grid.voxel_size.z};
@@ -138,14 +144,14 @@ absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box) {
     return FinishFitted(grid, request.padding, box);
   }
   if (longest == 0) {
-    grid.origin = {box.min.x - 0.5, box.min.y - 0.5, box.min.z - 0.5};
+    if (cube) grid.dims = {n, n, n};
+    for (int a = 0; a < 3; ++a) grid.origin[a] = box.min[a] - (double(grid.dims[a] / 2) + 0.5);
     return Finish(grid, request.padding);
   }
-  const int64_t n = request.resolution;
   const double h = longest / double(n);
   grid.voxel_size = {h, h, h};
   for (int a = 0; a < 3; ++a) {
-    if (request.fit == GridFit::kCube) {
+    if (cube) {
       grid.dims[a] = n;
       grid.origin[a] = box.min[a] - (longest - extent[a]) / 2;
     } else {

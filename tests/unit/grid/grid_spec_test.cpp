@@ -125,6 +125,27 @@ TEST(GridSpecTest, APointAndNothing) {
   EXPECT_EQ(Fit({}, Box3d{}).dims, (std::array<int64_t, 3>{1, 1, 1}));
 }
 
+// So that results stack.
+TEST(GridSpecTest, CubesAreAsLargeForAPointAndForNothing) {
+  GridRequest request;
+  request.fit = GridFit::kCube;
+  for (const auto& [n, middle] : {std::pair{4, 2.5}, {5, 2.5}, {1, 0.5}}) {
+    request.resolution = n;
+    for (const Box3d& box : {BoxOf({0, 0, 0}, {1, 2, 3}), BoxOf({1, 2, 3}, {1, 2, 3}), Box3d{}}) {
+      EXPECT_EQ(Fit(request, box).dims, (std::array<int64_t, 3>{n, n, n}));
+    }
+    const GridSpec point = Fit(request, BoxOf({1, 2, 3}, {1, 2, 3}));
+    EXPECT_EQ(point.voxel_size, (Vec3d{1, 1, 1}));
+    EXPECT_EQ(point.origin, (Vec3d{1 - middle, 2 - middle, 3 - middle}));
+    EXPECT_EQ(Fit(request, Box3d{}).origin, (Vec3d{0, 0, 0}));
+  }
+  request.padding = 2;
+  EXPECT_EQ(Fit(request, Box3d{}).dims, (std::array<int64_t, 3>{5, 5, 5}));
+  EXPECT_EQ(Fit(request, Box3d{}).origin, (Vec3d{-2, -2, -2}));
+  request.voxel_size = Vec3d{0.5, 0.5, 0.5};
+  EXPECT_EQ(Fit(request, BoxOf({0, 0, 0}, {0, 0, 0})).dims, (std::array<int64_t, 3>{5, 5, 5})) << "no resolution";
+}
+
 TEST(GridSpecTest, IndexToWorldMapsVoxelCentres) {
   GridSpec grid;
   grid.origin = {1, 2, 3};
