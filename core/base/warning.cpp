@@ -29,12 +29,15 @@ std::string_view Name(WarningCode code) {
     case WarningCode::kCountMismatch: return "count_mismatch";
     case WarningCode::kNonconformingFile: return "nonconforming_file";
     case WarningCode::kNotKept: return "not_kept";
+    case WarningCode::kFillHasNoValue: return "fill_has_no_value";
+    case WarningCode::kOutsideGrid: return "outside_grid";
+    case WarningCode::kValuesRounded: return "values_rounded";
   }
   return "nonconforming_file";
 }
 
 std::optional<WarningCode> WarningCodeOf(std::string_view name) {
-  for (int i = 0; i <= int(WarningCode::kNotKept); ++i) {
+  for (int i = 0; i <= int(WarningCode::kValuesRounded); ++i) {
     if (Name(WarningCode(i)) == name) return WarningCode(i);
   }
   return std::nullopt;

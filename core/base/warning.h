@@ -20,6 +20,9 @@ enum class WarningCode : uint8_t {
   kCountMismatch,       // two parts of the file give different counts
   kNonconformingFile,   // the file breaks a rule of its format, without consequence for the result
   kNotKept,             // the format of the output does not hold a part of the result
+  kFillHasNoValue,      // the filled voxels of a target hold its `clear`, as its shader has no value without a triangle
+  kOutsideGrid,         // no triangle reaches the grid
+  kValuesRounded,       // a target of integers rounds a shader's fractions to whole numbers
 };
 
 // The name on the wire and in JSON: "texture_missing", ...

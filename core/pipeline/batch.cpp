@@ -22,7 +22,7 @@ std::vector<BatchItem> ForSharedPass(std::span<const BatchItem> items, std::vect
     out[i].done = [&item = items[i]](absl::StatusOr<VoxelizeResult> result) {
       if (result.ok()) {
         result->stats.warnings = WarningsOf(*item.mesh, *item.request);
-        AddRunWarnings(*item.mesh, *item.request, result->stats);
+        AddRunWarnings(*item.job, *item.mesh, *item.request, result->stats);
         if (absl::Status s = CheckStrict(*item.request, result->stats.warnings); !s.ok()) result = s;
       }
       item.done(std::move(result));

@@ -22,7 +22,7 @@ absl::Status RunGuarded(const RunInput& run, bool inside, Assembler& assembler, 
     try {
       status = RunPipeline(run, assembler, stats);
       if (!status.ok()) return;
-      AddRunWarnings(run.mesh, run.request, stats);
+      AddRunWarnings(run.job, run.mesh, run.request, stats);
       status = CheckStrict(run.request, stats.warnings);
     } catch (const std::bad_alloc&) {
       status = absl::ResourceExhaustedError("out of memory while voxelizing");

@@ -2,8 +2,13 @@
 
 #include <algorithm>
 #include <string>
+#include <string_view>
 
+#include "absl/strings/str_cat.h"
+#include "grid/grid_spec.h"
+#include "mesh/report.h"
 #include "mesh/texture_faults.h"
+#include "pipeline/stages/target_rules.h"
 #include "shaders/catalog.h"
 
 namespace voxelpipe {
@@ -25,11 +30,76 @@ bool HasMask(const TriangleMesh& mesh) {
   return false;
 }
 
+// Shaders whose values lie from -1 to 1.
+constexpr std::string_view kFractional[] = {"barycentric", "geometric_normal", "normal", "tangent",
+                                            "uv",          "coverage_fraction"};
+
+// True if whole numbers are all that is left of the shader's values.
+bool RoundsFractions(const TargetSpec& target) {
+  const bool integer = target.format == VoxelFormat::kU8 || target.format == VoxelFormat::kU16;
+  return integer && !target.scale && target.blend != Blend::kCount &&
+         std::find(std::begin(kFractional), std::end(kFractional), target.shader.name) != std::end(kFractional);
+}
+
+void AddTargetWarnings(const VoxelizeRequest& request, WarningList& warnings) {
+  for (size_t t = 0; t < request.targets.size(); ++t) {
+    const TargetSpec& target = request.targets[t];
+    const std::string place = absl::StrCat("targets[", t, "]");
+    if (request.fill != Fill::kNone && !HasFillValue(request, target)) {
+      warnings.Add(WarningCode::kFillHasNoValue, place,
+                   absl::StrCat("'", target.shader.name, "' has no value without a triangle: filled voxels hold ",
+                                target.clear, "; the target's fill=... gives them another"));
+    }
+    if (RoundsFractions(target)) {
+      warnings.Add(WarningCode::kValuesRounded, place,
+                   absl::StrCat("'", target.shader.name, "' gives fractions, which ", std::string(Name(target.format)),
+                                " rounds to whole numbers; the target's scale=..., or f16 or f32, keeps them"));
+    }
+  }
+}
+
+Box3d BoxOf(const GridRequest& grid) {
+  Box3d box{*grid.origin, *grid.origin, false};
+  for (int a = 0; a < 3; ++a) {
+    const double h = (*grid.voxel_size)[a];
+    box.min[a] -= double(grid.padding) * h;
+    box.max[a] += double((*grid.dims)[size_t(a)] + grid.padding) * h;
+  }
+  return box;
+}
+
+bool AreApart(const Box3d& a, const Box3d& b) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (a.max[axis] < b.min[axis] || b.max[axis] < a.min[axis]) return true;
+  }
+  return false;
+}
+
+std::string Shown(const Box3d& box) {
+  const auto corner = [](const Vec3d& p) { return absl::StrCat("(", p.x, ", ", p.y, ", ", p.z, ")"); };
+  return absl::StrCat(corner(box.min), " to ", corner(box.max));
+}
+
+// Of an empty result on a grid that was given.
+void WarnIfOutside(const JobContext& job, const TriangleMesh& mesh, const VoxelizeRequest& request,
+                   WarningList& warnings) {
+  const absl::StatusOr<MeshReport> report = BoxReport(job, mesh);
+  if (!report.ok()) return;  // the job ended, which its next stage says
+  const Box3d of_grid = BoxOf(request.grid), of_mesh{report->min, report->max, false};
+  const bool moved = request.vertex_shader.name != "identity";
+  // A triangle in the grid may cover no voxel of it, unless voxels that it touches are covered.
+  if (request.coverage != Coverage::kConservative && (moved || !AreApart(of_grid, of_mesh))) return;
+  warnings.Add(WarningCode::kOutsideGrid, "",
+               absl::StrCat("no triangle reaches the grid, ", Shown(of_grid), "; the mesh lies at ", Shown(of_mesh),
+                            moved ? " before its vertex shader" : ""));
+}
+
 }  // namespace
 
 WarningList WarningsOf(const TriangleMesh& mesh, const VoxelizeRequest& request) {
   WarningList warnings = mesh.warnings;
   AddTextureWarnings(mesh, TexturesRead(request), warnings);
+  if (!mesh.triangles.empty()) AddTargetWarnings(request, warnings);
   return warnings;
 }
 
@@ -39,13 +109,17 @@ WarningList AllWarningsOf(const TriangleMesh& mesh) {
   return warnings;
 }
 
-void AddRunWarnings(const TriangleMesh& mesh, const VoxelizeRequest& request, VoxelizeStats& stats) {
-  if (request.coverage == Coverage::kNone) return;  // there are no fragments to discard
-  if (stats.occupied > 0 || mesh.triangles.empty() || !EveryShaderDiscards(request) || !HasMask(mesh)) return;
+void AddRunWarnings(const JobContext& job, const TriangleMesh& mesh, const VoxelizeRequest& request,
+                    VoxelizeStats& stats) {
+  if (stats.occupied > 0 || mesh.triangles.empty()) return;
+  const bool given = request.grid.dims.has_value();
+  const bool discards = request.coverage != Coverage::kNone && EveryShaderDiscards(request) && HasMask(mesh);
   // A grid that was given may lie beside the mesh. Fragments that are counted before shaders see them tell; those of
   // buckets are counted after, so there the text leaves it open.
-  const bool given = request.grid.dims.has_value();
-  if (given && request.result != ResultKind::kBuckets && stats.fragments == uint64_t{0}) return;
+  if (!discards || (given && request.result != ResultKind::kBuckets && stats.fragments == uint64_t{0})) {
+    if (given) WarnIfOutside(job, mesh, request, stats.warnings);
+    return;
+  }
   stats.warnings.Add(WarningCode::kAllDiscarded, "",
                      given ? "the result is empty: alpha masks discarded every fragment that lies in the grid"
                            : "the result is empty: alpha masks discarded every fragment");

@@ -51,6 +51,13 @@ bool FillBit(const TargetSpec& spec) {
   return spec.fill_values.empty() || spec.fill_values[0] != 0;
 }
 
+bool HasFillValue(const VoxelizeRequest& request, const TargetSpec& spec) {
+  if (spec.format == VoxelFormat::kBit || !spec.fill_values.empty() || spec.blend == Blend::kCount) return true;
+  const std::string& shader = spec.shader.name;
+  if (shader == "velocity") return !GivesVelocities(request.vertex_shader);
+  return shader == "occupancy" || shader == "constant" || shader == "position" || shader == "checker";
+}
+
 FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec& grid) {
   const TargetSpec& spec = request.request.targets[index];
   const BoundShader& shader = request.fragment_shaders[index];

@@ -16,6 +16,10 @@ double ScaleOf(const TargetSpec& spec, const BoundShader& shader);
 // Of a bit target: what its filled voxels without a fragment hold.
 bool FillBit(const TargetSpec& spec);
 
+// False if filled voxels without a fragment hold the target's `clear`: the request gives them no value, and the shader
+// has none without a triangle.
+bool HasFillValue(const VoxelizeRequest& request, const TargetSpec& spec);
+
 // What filled voxels without a fragment hold of the request's target number `index`.
 FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec& grid);
 

@@ -11,7 +11,7 @@ namespace voxelpipe {
 // 1; the default material has 1, 1. Alpha mode MASK discards as in base_color.
 struct MetallicRoughnessShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
-  static constexpr bool kCanDiscard = true;
+  static constexpr bool kCanDiscard = true, kIsColor = true;
   static constexpr bool kReadsMetallicRoughness = true;
   VOXELPIPE_HD static bool MayDiscard(const MaterialView& material) { return material.alpha_mask; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {

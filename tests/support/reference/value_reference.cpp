@@ -28,7 +28,8 @@ bool OutputsU32(const TargetSpec& spec) {
 
 double Scale(const TargetSpec& spec) {
   if (spec.scale) return *spec.scale;
-  if (std::set<std::string>{"base_color", "color", "emissive"}.count(spec.shader.name) == 0) return 1;
+  const std::set<std::string> scaled = {"base_color", "color", "emissive", "metallic_roughness"};
+  if (scaled.count(spec.shader.name) == 0) return 1;
   return spec.format == VoxelFormat::kU8 ? 255 : spec.format == VoxelFormat::kU16 ? 65535 : 1;
 }
 
@@ -212,6 +213,7 @@ class Shading {
       parts_.push_back(view);
     }
     view_.positions = view_.index_positions = mesh.positions.data();
+    std::copy_n(request.grid.dims->data(), 3, view_.grid_dims);
     view_.normals = mesh.normals.data();
     view_.tangents = mesh.tangents.data();
     view_.colors = mesh.colors.data();

@@ -132,7 +132,81 @@ TEST(Warnings, MasksThatDiscardEverythingAreSaid) {
   beside.grid.dims = {4, 4, 4};
   beside.grid.origin = Vec3d{100, 0, 0};
   beside.grid.voxel_size = Vec3d{1, 1, 1};
-  for (const auto& stats : RunAll(mesh, beside)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
+  for (const auto& stats : RunAll(mesh, beside)) EXPECT_THAT(Codes(stats->warnings), ElementsAre("outside_grid"));
+}
+
+// Most of such a solid holds 0, which looks like a material, or black.
+TEST(Warnings, AFillWithoutAValueIsSaid) {
+  const TriangleMesh mesh = testing::Cube(4);
+  VoxelizeRequest request = Request("material_id");
+  request.fill = Fill::kParity;
+  request.coverage = Coverage::kNone;
+  request.targets[0].clear = 7;
+  for (const auto& stats : RunAll(mesh, request)) {
+    ASSERT_TRUE(stats.ok()) << stats.status();
+    EXPECT_THAT(Codes(stats->warnings), ElementsAre("fill_has_no_value"));
+    EXPECT_THAT(Lines(stats->warnings)[0], HasSubstr("targets[0]: 'material_id' has no value without a triangle: "
+                                                     "filled voxels hold 7"));
+  }
+  request.strict = true;
+  for (const auto& stats : RunAll(mesh, request)) {
+    EXPECT_EQ(stats.status().code(), absl::StatusCode::kInvalidArgument);
+  }
+  request.targets[0].fill_values = {3};
+  for (const auto& stats : RunAll(mesh, request)) EXPECT_TRUE(stats.ok()) << stats.status();
+  for (const char* shader : {"occupancy", "constant", "position", "checker", "velocity"}) {
+    VoxelizeRequest with_value = Request(shader);
+    with_value.fill = Fill::kParity;
+    for (const auto& stats : RunAll(mesh, with_value)) EXPECT_THAT(Codes(stats->warnings), IsEmpty()) << shader;
+  }
+  VoxelizeRequest shell = Request("base_color");
+  for (const auto& stats : RunAll(mesh, shell)) EXPECT_THAT(Codes(stats->warnings), IsEmpty()) << "not filled";
+}
+
+TEST(Warnings, AGridThatNoTriangleReachesIsSaidWithBothBoxes) {
+  const TriangleMesh mesh = testing::Cube(4);
+  VoxelizeRequest request = Request("normal");
+  request.grid.dims = {2, 2, 2};
+  request.grid.origin = Vec3d{100, 0, 0};
+  request.grid.voxel_size = Vec3d{1, 1, 1};
+  request.grid.padding = 1;
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin, Coverage::kCenter}) {
+      request.result = kind;
+      if (kind == ResultKind::kBuckets && coverage == Coverage::kCenter) continue;  // no request
+      request.coverage = coverage;
+      for (const auto& stats : RunAll(mesh, request)) {
+        ASSERT_TRUE(stats.ok()) << stats.status();
+        ASSERT_THAT(Codes(stats->warnings), ElementsAre("outside_grid"));
+        EXPECT_THAT(Lines(stats->warnings)[0],
+                    HasSubstr("no triangle reaches the grid, (99, -1, -1) to (103, 3, 3); the mesh lies at ("));
+      }
+    }
+  }
+  // In the middle of the cube: its box reaches the grid, its triangles do not, and none covers a voxel's centre.
+  request.result = ResultKind::kDense;
+  const Vec3d first = mesh.positions[mesh.triangles[0][0]];
+  request.grid.padding = 0;
+  request.grid.origin = Vec3d{first.x / 8, first.y / 8, first.z / 8};
+  request.grid.voxel_size = Vec3d{1e-3, 1e-3, 1e-3};
+  request.coverage = Coverage::kCenter;
+  for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
+}
+
+TEST(Warnings, FractionsThatBecomeWholeNumbersAreSaid) {
+  const TriangleMesh mesh = testing::Cube(4);
+  VoxelizeRequest request = Request("normal");
+  request.targets[0].format = VoxelFormat::kU8;
+  request.targets[0].components = 3;
+  for (const auto& stats : RunAll(mesh, request)) {
+    ASSERT_TRUE(stats.ok()) << stats.status();
+    EXPECT_THAT(Codes(stats->warnings), ElementsAre("values_rounded"));
+  }
+  request.targets[0].scale = 255;
+  for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
+  request.targets[0].scale.reset();
+  request.targets[0].shader.name = "metallic_roughness";  // scaled as colours are
+  for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
 }
 
 }  // namespace
