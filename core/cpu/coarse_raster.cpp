@@ -43,6 +43,7 @@ absl::Status PlaceVertices(RunState& state, HostArray<VertexCode>& codes) {
   state.placed_positions = HostArray<Vec3d>(view.vertex_count);
   state.index_positions = state.placed_positions.data();
   state.view.index_positions = state.index_positions;
+  std::copy_n(state.grid.dims.data(), 3, state.view.grid_dims);
   codes = HostArray<VertexCode>(view.vertex_count);
   const IndexSpace space = state.grid.index_space();
   std::atomic<bool> near{true};

@@ -89,6 +89,7 @@ absl::Status SetUpGrid(RunState& state, const GridSpec& grid) {
   if (NeedsPlaces(state)) VOXELPIPE_OK_OR_RETURN(PlaceVertices(state));
   if (state.mesh.view.empty() || state.mesh.host_view.index_positions != state.mesh.index_positions.data()) {
     state.mesh.host_view.index_positions = state.mesh.index_positions.data();
+    std::copy_n(state.grid.dims.data(), 3, state.mesh.host_view.grid_dims);
     VOXELPIPE_OK_OR_RETURN(state.mesh.view.Upload({&state.mesh.host_view, 1}, state.stream));
   }
   return absl::OkStatus();

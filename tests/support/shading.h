@@ -1,6 +1,7 @@
 // One triangle with every attribute, and the fragments of it, for the tests of shaders.
 #pragma once
 
+#include <algorithm>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -22,6 +23,7 @@ struct ShadingScene {
   MeshView View() const {
     MeshView view;
     view.positions = view.index_positions = positions;
+    std::fill_n(view.grid_dims, 3, 8);
     view.triangles = triangle;
     view.parts = &part;
     view.materials = materials;

@@ -1,6 +1,7 @@
 // Collects the mesh arrays of a member for upload, or finds them in the device's mesh cache.
 #include "cuda/batch/batch_mesh.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -114,17 +115,19 @@ void BatchMesh::AddTextures(UploadLayout& layout) {
   AddToBlock(s.texture_list.data(), s.texture_list.size(), layout, s.textures);
 }
 
-void BatchMesh::Place(const uint8_t* block, const Vec3d* index_positions) {
+void BatchMesh::Place(const uint8_t* block, const Vec3d* index_positions, const std::array<int64_t, 3>& grid_dims) {
   positions_there_ = positions_.On(block);
   triangles_there_ = triangles_.On(block);
-  if (shading_) PlaceShading(block, index_positions);
+  if (shading_) PlaceShading(block, index_positions, grid_dims);
 }
 
-void BatchMesh::PlaceShading(const uint8_t* block, const Vec3d* index_positions) {
+void BatchMesh::PlaceShading(const uint8_t* block, const Vec3d* index_positions,
+                             const std::array<int64_t, 3>& grid_dims) {
   Shading& s = *shading_;
   s.view.positions = positions_there_;
   s.view.triangles = reinterpret_cast<const uint32_t(*)[3]>(triangles_there_);
   s.view.index_positions = index_positions;
+  std::copy_n(grid_dims.data(), 3, s.view.grid_dims);
   s.view.normals = s.normals.On(block);
   s.view.tangents = s.tangents.On(block);
   s.view.velocities = s.velocities.On(block);

@@ -1,6 +1,7 @@
 // A member's mesh on the device: cached arrays, and arrays uploaded with the pass.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <string>
 #include <vector>
@@ -31,8 +32,9 @@ class BatchMesh {
   // Adds the arrays that the member's stages read and that are not cached to `layout`. `member` and this object must
   // live until the layout is copied.
   absl::Status Add(const BatchMember& member, KeptArrays& kept, UploadLayout& layout);
-  // Call when the layout's block has its address. `index_positions`: where the pass stores the vertices in index space.
-  void Place(const uint8_t* block, const Vec3d* index_positions);
+  // Call when the layout's block has its address. `index_positions`: where the pass stores the vertices in index space, of
+  // a grid with these dims.
+  void Place(const uint8_t* block, const Vec3d* index_positions, const std::array<int64_t, 3>& grid_dims);
 
   // On the device; valid after Place.
   const Vec3d* positions() const { return positions_there_; }
@@ -55,7 +57,7 @@ class BatchMesh {
   void AddToBlock(const T* from, uint64_t count, UploadLayout& layout, Array<T>& array);
   absl::Status AddShading(const BatchMember& member, KeptArrays& kept, UploadLayout& layout);
   void AddTextures(UploadLayout& layout);
-  void PlaceShading(const uint8_t* block, const Vec3d* index_positions);
+  void PlaceShading(const uint8_t* block, const Vec3d* index_positions, const std::array<int64_t, 3>& grid_dims);
 
   // Inputs of fragment shaders besides positions and triangles. Pointers within lists are replaced by device addresses.
   struct Shading {

@@ -322,7 +322,7 @@ absl::Status BatchPass::Upload() {
   VOXELPIPE_OK_OR_RETURN(there_.Resize(layout.bytes(), state_.stream));
   for (size_t i = 0; i < members_.size(); ++i) {
     BatchItemView& item = items_[i];
-    meshes_[i].Place(there_.data(), view.placed + item.first_vertex);
+    meshes_[i].Place(there_.data(), view.placed + item.first_vertex, members_[i]->plan.grid.dims);
     item.positions = meshes_[i].positions();
     item.triangles = meshes_[i].triangles();
     item.shading.mesh = meshes_[i].view();

@@ -83,6 +83,7 @@ inline uint64_t ValueCount(const AttributeView& attribute, uint64_t vertices) {
 struct MeshView {
   const Vec3d* positions = nullptr;        // shaded, world space
   const Vec3d* index_positions = nullptr;  // the same in index space
+  int64_t grid_dims[3] = {0, 0, 0};        // voxels of the grid that index space is of
   const Vec3f* normals = nullptr;          // shaded, world space
   const Vec4f* tangents = nullptr;         // shaded, world space, w = handedness
   const Vec3f* velocities = nullptr;       // shaded, world units a second; null: nothing moves

@@ -50,17 +50,34 @@ VOXELPIPE_HD double ClippedArea(const Vec3d& a, const Vec3d& b, const Vec3d& c, 
   return 0.5 * sqrt(Dot(twice, twice));
 }
 
+// True if the triangle lies in the plane of a face of the voxel and counts in the voxel on the face's other side: in the
+// one behind the triangle, against its normal; at the grid's border in the one there is.
+VOXELPIPE_HD bool CountsBeyondFace(const Vec3d& a, const Vec3d& b, const Vec3d& c, const int64_t voxel[3],
+                                   const int64_t grid_dims[3]) {
+  for (int axis = 0; axis < 3; ++axis) {
+    const double at = a[axis], low = double(voxel[axis]);
+    if (b[axis] != at || c[axis] != at || (at != low && at != low + 1)) continue;
+    const double normal = Cross(b - a, c - a)[axis];
+    const bool behind = at == low ? normal < 0 : normal > 0;
+    const bool border = at == low ? voxel[axis] == 0 : voxel[axis] + 1 == grid_dims[axis];
+    return !behind && !border;
+  }
+  return false;
+}
+
 // Output: f32, 1 component: the area of the triangle inside the closed voxel over the area of a voxel's face, both in
 // index space. A plane parallel to a face that cuts the whole voxel gives 1; the maximum is sqrt(2) (the rectangle
 // through two opposite edges). 0 for voxels that the triangle only touches or that the widening of the coverage test
-// adds, and for degenerate triangles. An area in a face shared by two voxels counts in both. Faces are unit squares of
-// index space, also where the voxel's edges differ in length.
+// adds, and for degenerate triangles. An area in a face that two voxels share counts in one (CountsBeyondFace). Faces are
+// unit squares of index space, also where the voxel's edges differ in length.
 struct CoverageFractionShader : FragmentShaderTraits {
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     if (in.degenerate) return;
     const Vec3d* p = in.mesh->index_positions;
     const Vec3d lo{double(in.voxel[0]), double(in.voxel[1]), double(in.voxel[2])};
-    out.f[0] = float(ClippedArea(p[in.vertex[0]], p[in.vertex[1]], p[in.vertex[2]], lo));
+    const Vec3d &a = p[in.vertex[0]], &b = p[in.vertex[1]], &c = p[in.vertex[2]];
+    if (CountsBeyondFace(a, b, c, in.voxel, in.mesh->grid_dims)) return;
+    out.f[0] = float(ClippedArea(a, b, c, lo));
   }
 };
 

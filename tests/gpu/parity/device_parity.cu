@@ -2,6 +2,7 @@
 // tiles, barycentrics, crossings, every shader, conversion and blending, over a random soup with slivers, points, huge
 // and outside triangles. And, on the device, quick normals (cuda/primitives/fast_normal.cuh) against plain ones, of
 // many more vectors. Exit 0 if all agree, 1 if not, 77 (skipped) without a GPU.
+#include <algorithm>
 #include <cstdio>
 #include <vector>
 
@@ -226,6 +227,7 @@ struct Assets {
     MeshView view;
     view.positions = at(mesh.positions);
     view.index_positions = at(index_positions);
+    std::copy_n(kDims, 3, view.grid_dims);
     view.normals = at(normals);
     view.tangents = at(tangents);
     view.velocities = at(velocities);

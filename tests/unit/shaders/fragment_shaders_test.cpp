@@ -218,10 +218,28 @@ TEST(CoverageFractionTest, IsOneWhereThePlaneFillsTheVoxel) {
   EXPECT_EQ(Fraction(scene, {0, 0, 0}, true), 0);
 }
 
-TEST(CoverageFractionTest, CountsATriangleInASharedFaceInBothVoxels) {
-  const ShadingScene scene;  // in the plane z = 0
-  EXPECT_EQ(Fraction(scene, {0, 0, 0}), 1);
-  EXPECT_EQ(Fraction(scene, {0, 0, -1}), 1);
+// Otherwise the faces of a box on the voxels' borders count twice.
+TEST(CoverageFractionTest, ATriangleInASharedFaceCountsInTheVoxelBehindIt) {
+  for (int axis = 0; axis < 3; ++axis) {
+    for (const bool turned : {false, true}) {
+      for (const int at : {0, 3, 8}) {  // the grid has 8 voxels
+        ShadingScene scene;
+        for (Vec3d& p : scene.positions) {  // normals point up along the axis, unless turned
+          const Vec3d flat = p;
+          p[axis] = at;
+          p[(axis + 1) % 3] = flat.x;
+          p[(axis + 2) % 3] = flat.y;
+        }
+        if (turned) std::swap(scene.positions[1], scene.positions[2]);
+        Vec3i below{1, 1, 1}, above{1, 1, 1};
+        below[axis] = at - 1;
+        above[axis] = at;
+        const bool counts_below = at == 8 || (at != 0 && !turned);
+        if (at != 0) EXPECT_EQ(Fraction(scene, below), counts_below ? 1 : 0) << axis << turned << at;
+        if (at != 8) EXPECT_EQ(Fraction(scene, above), counts_below ? 0 : 1) << axis << turned << at;
+      }
+    }
+  }
 }
 
 TEST(CoverageFractionTest, CutsTheHexagonAndTheDiagonalRectangle) {
