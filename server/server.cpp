@@ -6,6 +6,7 @@
 #include <grpcpp/ext/proto_server_reflection_plugin.h>
 #include <grpcpp/grpcpp.h>
 #include <grpcpp/resource_quota.h>
+#include <unistd.h>
 
 #include "absl/strings/str_cat.h"
 #include "access/grpc_log.h"
@@ -19,6 +20,7 @@
 #include "observe/health_service.h"
 #include "observe/http_endpoint.h"
 #include "observe/idle_memory.h"
+#include "observe/listen_socket.h"
 #include "observe/log.h"
 #include "observe/reflection_service.h"
 #include "observe/unix_socket.h"
@@ -118,6 +120,14 @@ void WarnOfCertificate(const std::string& path, const TlsFacts& facts) {
   }
 }
 
+// gRPC does not say why, but the system does where another socket cannot be bound either.
+absl::Status WhyNotListening(const std::string& listen) {
+  const absl::StatusOr<ListenSocket> other = ListenOn(listen);
+  if (!other.ok()) return other.status();
+  close(other->descriptor);
+  return absl::UnavailableError(absl::StrCat("cannot listen on ", listen));
+}
+
 }  // namespace
 
 VoxelServer::VoxelServer(const ServerOptions& asked, const MachineLimits& machine,
@@ -204,7 +214,7 @@ absl::StatusOr<std::unique_ptr<VoxelServer>> VoxelServer::Start(const ServerOpti
   }
   builder.AddChannelArgument(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kMinPingIntervalMs);
   server->server_ = builder.BuildAndStart();
-  if (!server->server_ || port == 0) return absl::UnavailableError(absl::StrCat("cannot listen on ", options.listen));
+  if (!server->server_ || port == 0) return WhyNotListening(options.listen);
   if (server->unix_socket_) {
     if (absl::Status s = server->unix_socket_->Publish(); !s.ok()) return s;
   }

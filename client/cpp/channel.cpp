@@ -15,6 +15,7 @@
 #include "absl/strings/cord.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "address.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "load/local_file.h"
 
@@ -175,7 +176,7 @@ std::vector<std::unique_ptr<grpc::experimental::ClientInterceptorFactoryInterfac
 }  // namespace
 
 absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& target, const ConnectOptions& options) {
-  if (target.empty()) return absl::InvalidArgumentError("the server's address is empty; expected HOST:PORT");
+  if (absl::Status bad = CheckAddress(target); !bad.ok()) return bad;
   const auto credentials = MakeCredentials(options.tls);
   if (!credentials.ok()) return credentials.status();
   if (options.token.find_first_of(" \r\n\t") != std::string::npos) {

@@ -245,6 +245,12 @@ TEST_F(LifecycleTest, APortThatIsTaken) {
   const absl::StatusOr<CommandResult> second = RunVoxelpiped({"--listen", server_->address()});
   ASSERT_TRUE(second.ok()) << second.status();
   EXPECT_EQ(second->exit_code, 1);
+  const TemporaryDirectory directory;
+  const std::string log = directory / "log";
+  EXPECT_FALSE(ServerProcess::Start({"--listen", server_->address()}, log).ok());
+  std::ifstream said(log);
+  const std::string text{std::istreambuf_iterator<char>(said), {}};
+  EXPECT_THAT(text, HasSubstr("cannot listen on " + server_->address() + ": Address already in use"));
 }
 
 // gRPC by itself would remove the socket of the first, listen there, and remove it again at its end.
