@@ -8,6 +8,7 @@ workers reach.
 """
 import argparse
 import functools
+import math
 import os
 
 import distributed
@@ -16,8 +17,13 @@ import voxelpipe
 
 
 def filled_volume(path: str, client: voxelpipe.Client, resolution: int) -> float:
-    """The volume of a closed mesh, in cubic world units. Runs in a worker; the client arrives there as its options."""
-    grid = client.voxelize(path, resolution=resolution, coverage="none", fill="nonzero")
+    """The volume of a closed mesh, in cubic world units; NaN if it cannot be read. Runs in a worker; the client arrives
+    there as its options.
+    """
+    try:
+        grid = client.voxelize(path, resolution=resolution, coverage="none", fill="nonzero")
+    except voxelpipe.InvalidMesh:
+        return math.nan
     x, y, z = grid.voxel_size
     return grid.summary.occupied * x * y * z
 

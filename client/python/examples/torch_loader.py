@@ -16,7 +16,10 @@ import voxelpipe
 
 
 class Voxels:
-    """A map-style dataset: item i is the occupancy of mesh i, float32 (1, N, N, N), and its number."""
+    """A map-style dataset: item i is the occupancy of mesh i, float32 (1, N, N, N), and its number.
+
+    Of a mesh that cannot be read, or is empty, all zeros and -1: a batch keeps its shape, and training leaves it out.
+    """
 
     def __init__(self, meshes: list[pathlib.Path], resolution: int, client: voxelpipe.Client) -> None:
         self.meshes = meshes
@@ -29,8 +32,11 @@ class Voxels:
     def __getitem__(self, i: int) -> tuple[Any, int]:
         if i >= len(self.meshes):
             raise IndexError(i)
-        grid = self.client.voxelize(self.meshes[i], resolution=self.resolution, fit="cube")
-        return grid.to_torch().float()[None], i
+        try:
+            grid = self.client.voxelize(self.meshes[i], resolution=self.resolution, fit="cube")
+        except voxelpipe.InvalidMesh:
+            return torch.zeros((1,) + (self.resolution,) * 3), -1
+        return grid.to_torch().float()[None], i if grid.summary.occupied > 0 else -1
 
 
 def main() -> None:

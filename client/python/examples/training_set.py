@@ -5,7 +5,8 @@ usage: training_set.py MESH_FOLDER OUT_FOLDER [--resolution N] [--shard N] [--in
 
 Out: shard-00000.npz, ... each of the same meshes in every run: `names` (n), and `bits` uint8 (n, bytes), the cubes of
 resolution^3 voxels: numpy.unpackbits(bits, axis=1, count=N**3, bitorder="little").reshape(-1, N, N, N) gives
-(n, z, y, x). Meshes that failed are not in it; failed-00000.json says why. A shard appears when it is complete.
+(n, z, y, x). Meshes that failed or are empty are not in it; failed-00000.json says why. A shard appears when it is
+complete.
 """
 import argparse
 import json
@@ -15,6 +16,8 @@ import pathlib
 import numpy
 
 import voxelpipe
+
+SUFFIXES = (".glb", ".gltf", ".drc", ".stl", ".ply", ".off", ".obj", ".3mf")
 
 
 def write_shard(
@@ -29,6 +32,9 @@ def write_shard(
     )
     for mesh, result in zip(meshes, results):
         if not isinstance(result, voxelpipe.VoxelpipeError):
+            if result.summary.occupied == 0:
+                failed[mesh.name] = "empty: " + "; ".join(warning.text for warning in result.warnings)
+                continue
             names.append(mesh.name)
             rows.append(result.packed())
         elif result.retryable:
@@ -53,7 +59,7 @@ def main() -> None:
     parser.add_argument("--in-flight", type=int, default=32)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    meshes = sorted(path for path in given.folder.iterdir() if path.suffix in (".glb", ".gltf", ".drc"))
+    meshes = sorted(path for path in given.folder.iterdir() if path.suffix.lower() in SUFFIXES)
     client = voxelpipe.default_client()
     for number, first in enumerate(range(0, len(meshes), given.shard)):
         path = given.out / f"shard-{number:05}.npz"

@@ -7,6 +7,7 @@ import os
 from typing import Any, AsyncIterable, AsyncIterator, Awaitable, Callable, Iterable, Iterator, Sequence, TypeVar
 
 from . import names
+from ._calls.address import ServerLike, address_of
 from ._calls.grpc_module import grpc
 from ._calls.many import unreadable
 from ._calls.reader import ResultReader
@@ -20,6 +21,7 @@ from ._calls.session import (
     Reporter,
     Tls,
     estimate_request,
+    naming,
     new_request_id,
     positions_file,
     upload_messages,
@@ -48,7 +50,7 @@ class AsyncClient:
 
     def __init__(
         self,
-        server: str = "",
+        server: ServerLike = "",
         *,
         token: str = "",
         token_file: "str | os.PathLike[str]" = "",
@@ -62,7 +64,7 @@ class AsyncClient:
         if not (token or token_file):
             token = os.environ.get("VOXELPIPE_TOKEN", "")
         self._options = Options(
-            server=server or os.environ.get("VOXELPIPE_SERVER", ""),
+            server=address_of(server) or os.environ.get("VOXELPIPE_SERVER", ""),
             token=token,
             token_file=os.fspath(token_file),
             tls=Tls() if tls is True else tls or None,
@@ -156,7 +158,7 @@ class AsyncClient:
             job, kept = Job(request, await asyncio.to_thread(load_mesh, mesh)), None
         reporter = Reporter(progress)
         deadline = self._deadline(timeout)
-        try:
+        with contextlib.closing(reporter), naming(kept or job.file):
             try:
                 return await self._again(deadline, lambda left: self._voxelize(job, left, reporter))
             except MeshNotFound:
@@ -165,8 +167,6 @@ class AsyncClient:
             file = kept
             await self._again(deadline, lambda left: self._upload(file, left, reporter))
             return await self._again(deadline, lambda left: self._voxelize(job, left, reporter))
-        finally:
-            reporter.close()
 
     async def voxelize_many(
         self,
@@ -216,10 +216,8 @@ class AsyncClient:
         """Stores a mesh on the server: see Client.upload()."""
         file = await asyncio.to_thread(load_mesh, mesh)
         reporter = Reporter(progress)
-        try:
+        with contextlib.closing(reporter), naming(file):
             response = await self._again(self._deadline(timeout), lambda left: self._upload(file, left, reporter))
-        finally:
-            reporter.close()
         stored = StoredMesh.of(response.mesh)
         return MeshHandle(stored.mesh_id, stored, response.already_stored, file if keep else None)
 
@@ -238,9 +236,10 @@ class AsyncClient:
         kept = mesh if isinstance(mesh, MeshHandle) else None
         file = None if kept else await asyncio.to_thread(load_mesh, mesh)
         message = estimate_request(make_request(**options), file, kept.mesh_id if kept else "")
-        answer = await self._again(
-            self._deadline(timeout), lambda left: self._unary("EstimateVoxelization", message, left)
-        )
+        with naming(file):
+            answer = await self._again(
+                self._deadline(timeout), lambda left: self._unary("EstimateVoxelization", message, left)
+            )
         return Estimate.of(parsed(service.EstimateVoxelizationResponse, answer[0]))
 
     async def shaders(self) -> list[ShaderInfo]:

@@ -7,6 +7,7 @@ from typing import Any, Sequence
 
 from . import names
 from ._calls import core_module, in_process
+from ._calls.address import ServerLike, address_of
 from ._calls.session import Job, Progress
 from ._mesh.forms import MeshLike, load_mesh
 from .client import Client, MeshHandle
@@ -29,14 +30,14 @@ def _reset_lock() -> None:
 os.register_at_fork(after_in_child=_reset_lock)
 
 
-def default_client(server: str = "") -> Client:
+def default_client(server: ServerLike = "") -> Client:
     """The client that voxelize() uses for an address; it is shared and stays open.
 
     server: empty: the variable VOXELPIPE_SERVER, else a local server that is started once for this process.
     """
     global _server
     with _lock:
-        address = server or os.environ.get("VOXELPIPE_SERVER", "")
+        address = address_of(server) or os.environ.get("VOXELPIPE_SERVER", "")
         if not address:
             if _server is None:
                 _server = local_server()
@@ -69,7 +70,7 @@ def voxelize(
     packed_bits: bool = False,
     content_hash: bool = False,
     strict: bool = False,
-    server: str | Client | None = None,
+    server: ServerLike | None = None,
     timeout: float | None = None,
     progress: Progress = None,
     **named: TargetLike,
@@ -103,8 +104,8 @@ def voxelize(
     content_hash: the server's SHA-256 is checked too; each piece has its CRC-32C anyway.
     backend: "cpu" or "cuda" alone. priority: among the server's jobs. strict: the first warning is an error.
 
-    server: an address or a Client; None: the variable VOXELPIPE_SERVER, else this process if the package voxelpipe_core
-        is installed, else a local voxelpiped, started once. The bytes are the same.
+    server: an address, a Client or a LocalServer; None: the variable VOXELPIPE_SERVER, else this process if the
+        package voxelpipe_core is installed, else a local voxelpiped, started once. The bytes are the same.
     timeout: seconds, retries included; None: 600. progress: callable(stage, fraction, bytes), or True for tqdm's bar.
 
     Out: a VoxelGrid. Errors: InvalidRequest (UnknownOption, a TypeError too, for a wrong keyword), InvalidMesh,

@@ -8,6 +8,7 @@ import time
 from typing import Any, Callable, Iterable, Iterator, Sequence, TypeVar
 
 from . import names
+from ._calls.address import ServerLike, address_of
 from ._calls.ahead import received_ahead
 from ._calls.connection import Connection
 from ._calls.grpc_module import grpc
@@ -22,6 +23,7 @@ from ._calls.session import (
     Reporter,
     Tls,
     estimate_request,
+    naming,
     positions_file,
     upload_messages,
     uploaded,
@@ -74,7 +76,7 @@ class Client:
 
     def __init__(
         self,
-        server: str = "",
+        server: ServerLike = "",
         *,
         token: str = "",
         token_file: "str | os.PathLike[str]" = "",
@@ -86,19 +88,19 @@ class Client:
     ) -> None:
         """Connects when the first call is made.
 
-        server: "HOST:PORT" or "unix:/PATH"; empty: the variable VOXELPIPE_SERVER. token, or token_file, which is read
-        for each call: sent as a bearer token; empty: the variable VOXELPIPE_TOKEN. Without TLS they go to this machine
-        only, unless plaintext_token. tls: True for the system's certificates. timeout: seconds of a call, its retries
-        included; None: no limit. retries: how often a call is made again if the server is busy or away: after the delay
-        that it asks for, else after up to 5 s. max_result_bytes: results that take more memory here are refused; bits
-        that do not stay packed take a byte each.
+        server: "HOST:PORT", "unix:/PATH" or a LocalServer; empty: the variable VOXELPIPE_SERVER. token, or token_file,
+        which is read for each call: sent as a bearer token; empty: the variable VOXELPIPE_TOKEN. Without TLS they go to
+        this machine only, unless plaintext_token. tls: True for the system's certificates. timeout: seconds of a call,
+        its retries included; None: no limit. retries: how often a call is made again if the server is busy or away:
+        after the delay that it asks for, else after up to 5 s. max_result_bytes: results that take more memory here are
+        refused; bits that do not stay packed take a byte each.
         Errors: InvalidRequest.
         """
         if not (token or token_file):
             token = os.environ.get("VOXELPIPE_TOKEN", "")
         self._connection = Connection(
             Options(
-                server=server or os.environ.get("VOXELPIPE_SERVER", ""),
+                server=address_of(server) or os.environ.get("VOXELPIPE_SERVER", ""),
                 token=token,
                 token_file=os.fspath(token_file),
                 tls=Tls() if tls is True else tls or None,
@@ -217,7 +219,7 @@ class Client:
         """Runs a job, with retries. In: the file of its kept mesh, sent if the server does not have it."""
         reporter = Reporter(progress)
         deadline = self._deadline(timeout)
-        try:
+        with contextlib.closing(reporter), naming(file or job.file):
             try:
                 return self._again(deadline, lambda left: self._voxelize(job, left, reporter))
             except MeshNotFound:
@@ -225,8 +227,6 @@ class Client:
                     raise
             self._again(deadline, lambda left: self._upload(file, left, reporter))
             return self._again(deadline, lambda left: self._voxelize(job, left, reporter))
-        finally:
-            reporter.close()
 
     def voxelize_many(
         self,
@@ -261,10 +261,8 @@ class Client:
         """
         file = load_mesh(mesh)
         reporter = Reporter(progress)
-        try:
+        with contextlib.closing(reporter), naming(file):
             response = self._again(self._deadline(timeout), lambda left: self._upload(file, left, reporter))
-        finally:
-            reporter.close()
         stored = StoredMesh.of(response.mesh)
         return MeshHandle(stored.mesh_id, stored, response.already_stored, file if keep else None)
 
@@ -291,9 +289,10 @@ class Client:
         kept = mesh if isinstance(mesh, MeshHandle) else None
         file = None if kept else load_mesh(mesh)
         message = estimate_request(make_request(**options), file, kept.mesh_id if kept else "")
-        answer = self._again(
-            self._deadline(timeout), lambda left: self._connection.unary("EstimateVoxelization", message, left)[0]
-        )
+        with naming(file):
+            answer = self._again(
+                self._deadline(timeout), lambda left: self._connection.unary("EstimateVoxelization", message, left)[0]
+            )
         return Estimate.of(parsed(service.EstimateVoxelizationResponse, answer))
 
     def shaders(self) -> list[ShaderInfo]:

@@ -151,7 +151,8 @@ class VoxelGrid:
             raise KeyError(self._no_target(name))
         ijk, values = self.sparse()
         listed = values[name]
-        array = numpy.full((*self.place.shape, *listed.shape[1:]), self._target(name).clear, listed.dtype)
+        clear = _stored(self._target(name).clear, listed.dtype)
+        array = numpy.full((*self.place.shape, *listed.shape[1:]), clear, listed.dtype)
         array[ijk[:, 2], ijk[:, 1], ijk[:, 0]] = listed
         return array
 
@@ -361,6 +362,17 @@ class VoxelGrid:
 
 
 _FIELDS = frozenset(field.name for field in dataclasses.fields(VoxelGrid))
+
+
+def _stored(clear: float, dtype: "numpy.typing.DTypeLike") -> Any:
+    """A `clear` as a target of this type stores it: rounded to the nearest even integer, within the type's range."""
+    kind: Any = numpy.dtype(dtype)
+    if kind.kind == "b":
+        return clear != 0
+    if kind.kind == "f":
+        return kind.type(clear)
+    limits = numpy.iinfo(kind)
+    return kind.type(round(min(max(clear, limits.min), limits.max))) if clear == clear else kind.type(0)
 
 
 def _same_bytes(one: Array, other: Array) -> bool:

@@ -7,7 +7,7 @@ from ..device import DeviceGrid
 from ..grid import VoxelGrid
 from . import core_module
 from .reader import ResultReader
-from .session import Job, Progress, Reporter
+from .session import Job, Progress, Reporter, named
 
 _DEFAULT_TIMEOUT_S = 600.0
 
@@ -41,7 +41,7 @@ def _run(job: Job, timeout: float | None, progress: Progress, on_device: bool) -
             on_device,
         )
     except core.Failed as failed:
-        raise core_module.error_of(failed) from None
+        raise named(core_module.error_of(failed), job.file) from None
     finally:
         reporter.close()
     return answer

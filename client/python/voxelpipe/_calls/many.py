@@ -16,7 +16,7 @@ from .connection import Connection
 from .crc32c import crc32c
 from .grpc_module import grpc
 from .reader import ResultReader
-from .session import Job
+from .session import Job, named
 from .status import of_status
 from .wire import joined_jobs, parsed
 
@@ -276,7 +276,7 @@ class Many:
                 return
             self._done[number] = waiting.reader.finish()
         except VoxelpipeError as error:
-            self._done[number] = error
+            self._done[number] = named(error, waiting.file or waiting.job.file)
             if which == "part":
                 self._refused.add(number)
         self._waiting.pop(number, None)

@@ -1,6 +1,7 @@
 """What both clients share: options, the channel's settings, metadata, and the messages of each call."""
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
 import threading
@@ -12,10 +13,11 @@ import numpy
 from .._mesh.forms import MeshFile
 from .._mesh.glb import as_numpy
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ..errors import DataLoss, InvalidRequest
+from ..errors import DataLoss, InvalidMesh, InvalidRequest, VoxelpipeError
 from ..report import StoredMesh
 from ..request import Request
 from . import wire as _wire
+from .address import check_address
 from .crc32c import crc32c
 from .printable import printable
 
@@ -55,8 +57,7 @@ class Options:
 
     def check(self) -> None:
         """Errors: InvalidRequest naming the option."""
-        if not self.server:
-            raise InvalidRequest("server: is empty; expected HOST:PORT or unix:/PATH", field="server")
+        check_address(self.server)
         if (self.token or self.token_file) and self.tls is None and not self.plaintext_token:
             if not self.server.startswith(_LOOPBACK):
                 raise InvalidRequest(
@@ -134,6 +135,24 @@ def positions_file(positions: Any) -> MeshFile:
         raise InvalidRequest(f"new_positions: the shape is {array.shape}, expected (n, 3)", field="new_positions")
     floats = numpy.ascontiguousarray(array, "<f4")
     return MeshFile(floats.reshape(-1).view(numpy.uint8).data)
+
+
+def named(error: VoxelpipeError, file: MeshFile | None) -> VoxelpipeError:
+    """The error itself; of a mesh that is wrong, its message then begins with the name of the file, if it has one."""
+    if isinstance(error, InvalidMesh) and file is not None and file.name and not error.message.startswith(file.name):
+        error.message = f"{file.name}: {error.message}"
+        error.args = (error.message,)
+    return error
+
+
+@contextlib.contextmanager
+def naming(file: MeshFile | None) -> Iterator[None]:
+    """Errors in this context name the file: see named()."""
+    try:
+        yield
+    except InvalidMesh as error:
+        named(error, file)
+        raise
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,7 +14,10 @@ from .._proto.voxelpipe.v1 import types_pb2 as types
 from ..errors import InvalidMesh
 from ..names import LengthUnit, MeshFormat
 from . import gltf_files, obj_files
-from .glb import Mesh, as_numpy, write_glb
+from .colors import linear_colors
+from .content import format_of
+from .glb import Mesh, as_numpy, checked_positions, write_glb
+from .polygons import Faces, write_ply
 
 # A path, the bytes of a file, a binary file object, Mesh, (vertices, faces), or an object of another library.
 MeshLike = Union[str, "os.PathLike[str]", bytes, bytearray, memoryview, IO[bytes], Mesh, Sequence[Any], Any]
@@ -95,7 +98,8 @@ def _load(mesh: MeshLike, code: int, allow_outside: bool) -> MeshFile:
         if not isinstance(data, (bytes, bytearray, memoryview)):
             raise TypeError("the file object gives text; open it in binary mode, open(path, 'rb')")
         return MeshFile(memoryview(data).cast("B"), code, str(getattr(mesh, "name", "")))
-    return _of_arrays(arrays_of(mesh))
+    arrays = arrays_of(mesh)
+    return arrays if isinstance(arrays, MeshFile) else _of_arrays(arrays)
 
 
 def _format_code(format: MeshFormat) -> int:
@@ -121,25 +125,28 @@ def _of_path(path: pathlib.Path, code: int, allow_outside: bool) -> MeshFile:
             return MeshFile(memoryview(obj_files.pack(data, path, allow_outside)), types.MESH_FORMAT_OBJ, str(path))
         except InvalidMesh as error:
             raise InvalidMesh(f"{path}: {error.message}", field=error.field) from error
-    return MeshFile(data, code, str(path))
+    return MeshFile(data, code or format_of(path, data), str(path))
 
 
 def _of_arrays(mesh: Mesh) -> MeshFile:
     return MeshFile(memoryview(write_glb(mesh)), types.MESH_FORMAT_GLB)
 
 
-def arrays_of(mesh: Any) -> Mesh:
+def arrays_of(mesh: Any) -> Mesh | MeshFile:
     """The arrays of an object: (vertices, faces), trimesh, Open3D, meshio, VTK, PyVista, or anything with `vertices`
-    and `faces`. Errors: TypeError naming the type.
+    and `faces`; a file if it has faces of more than three corners. Errors: InvalidMesh; TypeError naming the type.
     """
+    if isinstance(mesh, (tuple, list)) and any(isinstance(part, (str, bytes, os.PathLike)) for part in mesh):
+        raise TypeError("a list of files is no mesh; voxelize_many() of a Client takes several")
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         return Mesh(mesh[0], mesh[1])
     if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):  # Open3D
         colors = mesh.vertex_colors if getattr(mesh, "has_vertex_colors", bool)() else None
         normals = mesh.vertex_normals if getattr(mesh, "has_vertex_normals", bool)() else None
-        return Mesh(
-            *(None if part is None else as_numpy(part) for part in (mesh.vertices, mesh.triangles, normals, colors))
-        )
+        if colors is not None:  # as displays take them
+            colors = linear_colors(as_numpy(colors), srgb_floats=True)
+        normals = None if normals is None else as_numpy(normals)
+        return Mesh(as_numpy(mesh.vertices), as_numpy(mesh.triangles), normals, colors)
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         visual: Any = getattr(mesh, "visual", None)  # trimesh's
         colors = visual.vertex_colors if getattr(visual, "kind", None) == "vertex" else None
@@ -155,40 +162,45 @@ def arrays_of(mesh: Any) -> Mesh:
     )
 
 
-def _of_meshio(mesh: Any) -> Mesh:
-    cells = mesh.cells_dict
-    parts = [as_numpy(cells["triangle"])] if "triangle" in cells else []
-    if "quad" in cells:
-        parts.append(as_numpy(cells["quad"])[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3))
-    if not parts:
-        raise InvalidMesh(
-            f"the meshio mesh has no triangles or quads, only: {', '.join(cells) or 'nothing'}", field="faces"
-        )
+def _of_meshio(mesh: Any) -> Mesh | MeshFile:
+    faces = Faces()
+    cells = getattr(mesh, "cells", None)  # blocks in order, of which one kind may have several
+    if cells is None:
+        cells = mesh.cells_dict.items()
+    blocks = [block if isinstance(block, tuple) else (block.type, block.data) for block in cells]
+    read = [faces.add_cells(kind, numpy.asarray(data)) for kind, data in blocks]
+    if not any(read):
+        kinds = ", ".join(kind for kind, _ in blocks) or "nothing"
+        raise InvalidMesh(f"the meshio mesh has no triangles, quads or polygons, only: {kinds}", field="faces")
     points = as_numpy(mesh.points)
     if points.ndim == 2 and points.shape[1] == 2:
         points = numpy.column_stack([points, numpy.zeros(len(points))])
-    return Mesh(points, numpy.concatenate(parts))
+    return _of_faces(points, faces)
 
 
-def _of_vtk(mesh: Any) -> Mesh:
+def _of_vtk(mesh: Any) -> Mesh | MeshFile:
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     points = mesh.GetPoints()
     vertices = vtk_to_numpy(points.GetData()) if points is not None else numpy.zeros((0, 3))
-    polygons = mesh.GetPolys()
-    if polygons.GetNumberOfCells() == 0:
-        if mesh.GetNumberOfStrips():
-            raise InvalidMesh(
-                "the VTK mesh has triangle strips; vtkTriangleFilter makes triangles of them", field="faces"
-            )
-        return Mesh(vertices, numpy.zeros((0, 3), numpy.int64))
-    normals = mesh.GetPointData().GetNormals()
-    offsets = vtk_to_numpy(polygons.GetOffsetsArray())
-    corners = vtk_to_numpy(polygons.GetConnectivityArray())
-    counts = numpy.diff(offsets)
-    # Polygons as fans: corner 0 with each edge that does not touch it.
-    fans = numpy.repeat(offsets[:-1], numpy.maximum(counts - 2, 0))
-    first = numpy.cumsum(numpy.maximum(counts - 2, 0)) - numpy.maximum(counts - 2, 0)
-    step = numpy.arange(len(fans)) - numpy.repeat(first, numpy.maximum(counts - 2, 0))
-    faces = numpy.stack([corners[fans], corners[fans + step + 1], corners[fans + step + 2]], axis=1)
-    return Mesh(vertices, faces, None if normals is None else vtk_to_numpy(normals))
+    faces = Faces()
+    if mesh.GetPolys().GetNumberOfCells():
+        polygons = mesh.GetPolys()
+        counts = numpy.diff(vtk_to_numpy(polygons.GetOffsetsArray()))
+        faces.add(counts, vtk_to_numpy(polygons.GetConnectivityArray()))
+    if mesh.GetNumberOfStrips():
+        strips = mesh.GetStrips()
+        faces.add_strips(vtk_to_numpy(strips.GetOffsetsArray()), vtk_to_numpy(strips.GetConnectivityArray()))
+    normals, scalars = mesh.GetPointData().GetNormals(), mesh.GetPointData().GetScalars()
+    colors = None if scalars is None else vtk_to_numpy(scalars)
+    if colors is not None and not (colors.dtype == numpy.uint8 and colors.ndim == 2 and colors.shape[1] in (3, 4)):
+        colors = None  # a quantity, not colours
+    return _of_faces(vertices, faces, None if normals is None else vtk_to_numpy(normals), colors)
+
+
+def _of_faces(points: Any, faces: Faces, normals: Any = None, colors: Any = None) -> Mesh | MeshFile:
+    counts = faces.all_counts()
+    if bool((counts == 3).all()):
+        return Mesh(points, faces.all_corners().reshape(-1, 3), normals, colors)
+    data = write_ply(checked_positions(points), faces, normals, colors)
+    return MeshFile(memoryview(data), types.MESH_FORMAT_PLY)

@@ -10,10 +10,11 @@ import numpy
 import numpy.typing
 
 from ..errors import InvalidMesh
+from .colors import linear_colors
 
 Array = numpy.typing.NDArray[Any]
 
-_FLOAT, _UINT32, _UINT8 = 5126, 5125, 5121
+_FLOAT, _DOUBLE, _UINT32 = 5126, 5130, 5125
 _MAX_GLB_BYTES = 0xFFFFFFFF
 
 
@@ -21,9 +22,10 @@ _MAX_GLB_BYTES = 0xFFFFFFFF
 class Mesh:
     """A triangle mesh in arrays, anything that numpy takes, torch tensors included.
 
-    vertices: (n, 3), world units, sent as float32. faces: (m, 3) indices of vertices, or (m, 4) for quads, which are
-    split along 0-2. normals: (n, 3) of unit length, or None. colors: (n, 3) or (n, 4), uint8, or floats from 0 to 1,
-    linear, or None; the shader `color` gives them, and `base_color` too.
+    vertices: (n, 3), world units; float64 is kept. faces: (m, 3) indices of vertices, or (m, 4) for quads, which are
+    split along 0-2 (concave ones: where that lies inside). normals: (n, 3) of unit length, or None. colors: (n, 3) or
+    (n, 4), integers that are sRGB codes from 0 to 255, or floats from 0 to 1, linear, or None; the shader `color` gives
+    them, and `base_color` too.
     """
 
     vertices: Any
@@ -50,6 +52,15 @@ def _checked(array: Any, name: str, columns: tuple[int, ...]) -> Array:
     )
 
 
+def checked_positions(vertices: Any) -> Array:
+    """(n, 3), float32 if that holds all values, otherwise float64. Errors: InvalidMesh naming the first wrong row."""
+    array = _checked(vertices, "vertices", (3,))
+    floats = _floats(array, "vertices")
+    if array.dtype == numpy.float32 or bool((floats == array).all()):
+        return floats
+    return numpy.ascontiguousarray(array, "<f8")
+
+
 def _floats(array: Array, name: str) -> Array:
     if array.dtype.kind not in "fiu":
         raise InvalidMesh(f"{name}: {array.dtype} are no numbers", field=name)
@@ -61,25 +72,39 @@ def _floats(array: Array, name: str) -> Array:
     return floats
 
 
-def _triangles(faces: Array, vertices: int) -> Array:
+def _triangles(faces: Array, vertices: Array) -> Array:
     if faces.size and faces.dtype.kind not in "iu":
         raise InvalidMesh(f"faces: {faces.dtype} are no indices", field="faces")
-    if faces.shape[1] == 4:
-        faces = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
     if faces.size:
-        wrong = ((faces < 0) | (faces >= vertices)).any(axis=1)
+        wrong = ((faces < 0) | (faces >= len(vertices))).any(axis=1)
         if bool(wrong.any()):
             at = int(wrong.argmax())
+            kind = "triangle" if faces.shape[1] == 3 else "quad"
             raise InvalidMesh(
-                f"faces: triangle {at} is {faces[at].tolist()}, and there are {vertices} vertices", field="faces"
+                f"faces: {kind} {at} is {faces[at].tolist()}, and there are {len(vertices)} vertices", field="faces"
             )
+    if faces.shape[1] == 4:
+        faces = _split_quads(faces, vertices)
     return numpy.ascontiguousarray(faces, "<u4")
+
+
+def _split_quads(faces: Array, vertices: Array) -> Array:
+    """Two triangles a quad: split along 0-2, or along 1-3 where one half would be turned against the other."""
+    corners = vertices[faces].astype(numpy.float64)
+    first, diagonal, last = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
+    turns = (numpy.cross(first, diagonal) * numpy.cross(diagonal, last)).sum(axis=1)
+    longest = numpy.maximum.reduce([(edge * edge).sum(axis=1) for edge in (first, diagonal, last)])
+    concave = turns < -1e-6 * longest * longest
+    return numpy.where(
+        concave[:, None], faces[:, [0, 1, 3, 1, 2, 3]], faces[:, [0, 1, 2, 0, 2, 3]]
+    ).reshape(-1, 3)
 
 
 def write_glb(mesh: Mesh) -> bytes:
     """The bytes of a GLB with this mesh. Errors: InvalidMesh naming the array and its first wrong row."""
-    positions = _floats(_checked(mesh.vertices, "vertices", (3,)), "vertices")
-    triangles = _triangles(_checked(mesh.faces, "faces", (3, 4)), len(positions))
+    positions = checked_positions(mesh.vertices)
+    triangles = _triangles(_checked(mesh.faces, "faces", (3, 4)), positions)
+    in_double = positions.dtype.itemsize == 8
     parts: list[bytes] = []
     views: list[dict[str, object]] = []
     accessors: list[dict[str, object]] = []
@@ -98,18 +123,13 @@ def write_glb(mesh: Mesh) -> bytes:
     meshes: list[dict[str, object]] = []
     if len(triangles):
         box = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
-        attributes = {"POSITION": add(positions, _FLOAT, "VEC3", **box)}
+        attributes = {"POSITION": add(positions, _DOUBLE if in_double else _FLOAT, "VEC3", **box)}
         if mesh.normals is not None:
             normals = _floats(_checked(mesh.normals, "normals", (3,)), "normals")
             attributes["NORMAL"] = add(_same_count(normals, positions, "normals"), _FLOAT, "VEC3")
         if mesh.colors is not None:
             colors = _same_count(_checked(mesh.colors, "colors", (3, 4)), positions, "colors")
-            kind = f"VEC{colors.shape[1]}"
-            if colors.dtype == numpy.uint8 and colors.shape[1] == 4:
-                attributes["COLOR_0"] = add(numpy.ascontiguousarray(colors), _UINT8, kind, normalized=True)
-            else:
-                scale = 255.0 if colors.dtype == numpy.uint8 else 1.0
-                attributes["COLOR_0"] = add(_floats(colors / scale, "colors"), _FLOAT, kind)
+            attributes["COLOR_0"] = add(linear_colors(colors), _FLOAT, f"VEC{colors.shape[1]}")
         indices = add(triangles, _UINT32, "SCALAR")
         meshes.append({"primitives": [{"attributes": attributes, "indices": indices}]})
     document: dict[str, object] = {
@@ -117,6 +137,8 @@ def write_glb(mesh: Mesh) -> bytes:
         "scene": 0,
         "scenes": [{"nodes": [0]} if meshes else {}],
     }
+    if meshes and in_double:
+        document |= {"extensionsUsed": ["KHR_accessor_float64"], "extensionsRequired": ["KHR_accessor_float64"]}
     if meshes:
         document |= {"nodes": [{"mesh": 0}], "meshes": meshes, "accessors": accessors, "bufferViews": views}
         document["buffers"] = [{"byteLength": sum(map(len, parts))}]
