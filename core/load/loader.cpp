@@ -1,6 +1,8 @@
 #include "load/loader.h"
 
+#include <algorithm>
 #include <new>
+#include <string_view>
 #include <utility>
 
 #include "absl/status/status.h"
@@ -67,6 +69,31 @@ absl::Status SetUnit(LengthUnit unit, Scene& scene) {
   return absl::OkStatus();
 }
 
+// Formats that are not read, by what their files begin with, or have behind that.
+struct OtherFormat {
+  std::string_view beginning, further, name;
+};
+constexpr OtherFormat kOthers[] = {
+    {"Kaydara FBX Binary", "", "FBX"}, {"; FBX", "", "FBX"},        {"ISO-10303-21", "", "STEP"},
+    {"PXR-USDC", "", "USD"},           {"#usda", "", "USD"},        {"PK\3\4", ".usd", "USDZ"},
+    {"PK\3\4", "", "a ZIP archive"},   {"\x1f\x8b", "", "gzip"},    {"\x28\xb5\x2f\xfd", "", "zstd"},
+    {"BLENDER", "", "Blender"},        {"#VRML", "", "VRML"},       {"# vtk DataFile", "", "VTK"},
+    {"<VTKFile", "", "VTK"},           {"$MeshFormat", "", "Gmsh"}, {"<?xml", "<COLLADA", "COLLADA"},
+    {"<?xml", "<X3D", "X3D"},          {"<?xml", "<VTKFile", "VTK"}};
+
+// The error of a mesh of no format that is read; says which one it is, if it is known.
+absl::Status NotReadable(std::span<const uint8_t> bytes) {
+  constexpr size_t kBytes = 4096;
+  constexpr std::string_view kRead = "GLB, glTF 2.0, Draco, STL, PLY, OFF, OBJ and 3MF are read";
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), std::min(bytes.size(), kBytes));
+  for (const OtherFormat& other : kOthers) {
+    if (!text.starts_with(other.beginning) || text.find(other.further) == std::string_view::npos) continue;
+    return absl::InvalidArgumentError(
+        absl::StrCat("the mesh is ", std::string(other.name), ", which is not read; ", std::string(kRead)));
+  }
+  return absl::InvalidArgumentError(absl::StrCat("the mesh is of no known format; ", std::string(kRead)));
+}
+
 }  // namespace
 
 absl::StatusOr<Scene> LoadScene(std::span<const uint8_t> bytes, MeshFileType type, const LoadLimits& limits) {
@@ -85,9 +112,7 @@ absl::StatusOr<Scene> LoadSceneFor(const JobContext& job, std::span<const uint8_
     const absl::StatusOr<MeshFormat> detected = DetectMeshFormat(job, bytes);
     if (!detected.ok()) return detected.status();
     if (*detected == MeshFormat::kAuto) {
-      return absl::InvalidArgumentError(
-          "the first bytes are of no format that can be read (GLB, glTF 2.0 JSON, Draco, STL, PLY, OFF, OBJ, 3MF); a "
-          "compressed archive must be unpacked first");
+      return NotReadable(bytes);
     }
     type.format = *detected;
   }

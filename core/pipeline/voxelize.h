@@ -16,9 +16,15 @@ namespace voxelpipe {
 // Called once, before rasterization, on the calling thread; a status other than OK ends the run with it.
 using PlanHook = std::function<absl::Status(const Plan&)>;
 
+// A job that neither ends nor reports progress.
+inline const JobContext& PlainJob() {
+  static const JobContext job;
+  return job;
+}
+
 // How a run is done, as opposed to what it makes (VoxelizeRequest). All that is pointed to outlives the call.
 struct RunOptions {
-  const JobContext& job;
+  const JobContext& job = PlainJob();
   PlanLimits limits = {};
   PlanHook on_plan = {};  // may be empty
   // The device (pipeline/stages/backend.h); request.backend is ignored then. Null: the device that request.backend

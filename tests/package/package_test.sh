@@ -100,6 +100,8 @@ for program in "$work"/{out,by_pkg_config}/{in_process,by_server}; do
   [[ "$printed" == "64x64x64: $expected voxels" ]] || fail "$program printed '$printed', not $expected voxels"
 done
 [[ "$("$work/out/readme")" == "$expected voxels"$'\n'"$expected voxels" ]] || fail "README's program"
+# A filled tetrahedron of 6 voxels an edge: voxel (i, j, k) is inside if i + j + k < 5.
+[[ "$("$work/out/from_arrays" | tr -cd '#' | wc -c)" == 35 ]] || fail "the program with arrays of its own"
 "$work/out/in_process" "$work/missing.glb" 2>"$work/error.txt" && fail "a missing file was accepted"
 grep -q . "$work/error.txt" || fail "a missing file without a message"
 echo "package: $expected voxels in-process and by a server, with find_package and with pkg-config"

@@ -84,7 +84,7 @@ TEST_F(CliFormats, TheExtensionSaysWhatTheContentDoesNot) {
   const std::string path = Write("cut.stl", std::string(80, 'x') + std::string("\5\0\0\0", 4) + std::string(50, 'y'));
   EXPECT_THAT(RunCli({"info", path}).err, HasSubstr("STL: byte 80: 5 triangles take 334 bytes, the file has 134"));
   const std::string other = Write("mesh.dat", std::string("bogus 1\n") + kTetrahedron);
-  EXPECT_THAT(RunCli({"info", other}).err, HasSubstr("of no format that can be read"));
+  EXPECT_THAT(RunCli({"info", other}).err, HasSubstr("the mesh is of no known format; GLB"));
   EXPECT_EQ(RunCli({"info", other, "--input-format", "obj"}).exit_code, 0);
   EXPECT_EQ(RunCli({"info", other, "--input-format", "jpg"}).exit_code, 2);
 }
