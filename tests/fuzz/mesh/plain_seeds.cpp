@@ -25,6 +25,10 @@ std::string TextOf(const Vec3f& p) {
   return std::to_string(p.x) + " " + std::to_string(p.y) + " " + std::to_string(p.z);
 }
 
+// The corners of a U that no float holds.
+constexpr const char* kConcave[] = {"0 0 0.1",   "3.3 0 0.1", "3.3 3 0.1", "2 3 0.1",
+                                    "2.2 1 0.1", "1 1 0.1",   "1 3 0.1",   "0 3.3 0.1"};
+
 std::string PngDataUri() {
   const testing::ByteVector png = testing::MakePng(2, 2, testing::ByteVector(16, 120));
   return "data:image/png;name=a.png;base64," + testing::Base64(png);
@@ -47,7 +51,10 @@ Files StlFiles() {
     PutValue(binary, uint16_t{0});
     text += " endloop\nendfacet\n";
   }
-  return {FileOf(binary), FileOf(text + "endsolid cube\n")};
+  return {
+      FileOf(binary), FileOf(text + "endsolid cube\n"),
+      FileOf("solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nend loop\nend facet\n"
+             "end solid\n")};
 }
 
 Files PlyFiles() {
@@ -75,11 +82,20 @@ Files PlyFiles() {
     }
     text += "\n";
   }
-  return {FileOf(text), FileOf(binary)};
+  // A concave face before its vertices, in double, and strips.
+  std::string late =
+      "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_indices\nelement vertex 8\n"
+      "property double x\nproperty double y\nproperty double z\nelement tristrips 1\n"
+      "property list int int vertex_indices\nend_header\n8 0 1 2 3 4 5 6 7\n";
+  for (const char* vertex : kConcave) late += std::string(vertex) + "\n";
+  return {FileOf(text), FileOf(binary), FileOf(late + "7 0 1 2 -1 3 4 5\n")};
 }
 
 Files OffFiles() {
+  std::string concave = "OFF\n8\n1 0\n";  // with lines that end anywhere
+  for (const char* vertex : kConcave) concave += std::string(vertex) + " ";
   return {
+      FileOf(concave + "\n8 0 1 2 3\n4 5 6 7\n"),
       FileOf("COFF\n4 2 0\n0 0 0 255 0 0\n1 0 0 0 255 0\n1 1 0 0 0 255\n0 1 0 1.0 0.5 0.25 1\n4 0 1 2 3\n3 0 1 2\n"),
       FileOf("STNOFF # a comment\n3 1 3\n0 0 0 0 0 1 0 0\n1 0 0 0 0 1 1 0\n0 1 0 0 0 1 0 1\n3 0 1 2 255 0 0\n")};
 }
@@ -90,9 +106,12 @@ Files ObjFiles() {
   const std::string library =
       "newmtl a\nKd 0.5 1 0\nd 0.5\nmap_Kd -s 2 2 1 -clamp on " + PngDataUri() + "\nnewmtl b\nKe 1 1 1\nmap_Ke a.png\n";
   const std::vector<uint8_t> bytes = FileOf(library);
+  std::string concave;
+  for (const char* vertex : kConcave) concave += "v " + std::string(vertex) + "\n";
   return {FileOf("mtllib data:model/mtl;base64," + testing::Base64(bytes) + "\n" + corners +
                  "usemtl a\nf 1/1/1 2/2/1 3/3/1 4/1/1\nusemtl b\ng x\nf -1 -2 \\\n-3\nf 1//1 2//1 3//1\n"),
-          FileOf("mtllib a.mtl\no thing\n" + corners + "usemtl c\nf 1/1 2/2 3/3\nl 1 2\np 1\ns off\n")};
+          FileOf("mtllib a.mtl\no thing\n" + corners + "usemtl c\nf 1/1 2/2 3/3\nl 1 2\np 1\ns off\n"),
+          FileOf(concave + "f 1 2 3 4 5 6 7 8\nf 3 4 5 6 7 8 1 2\n")};
 }
 
 Files ThreemfFiles() {
@@ -123,6 +142,10 @@ Files ThreemfFiles() {
     zip.Add("3D/3dmodel.model", model, deflate);
     const testing::ByteVector png = testing::MakePng(2, 2, testing::ByteVector(16, 120));
     zip.Add("3D/a.png", {png.begin(), png.end()}, false);
+    zip.Add("Metadata/Slic3r_PE_model.config",
+            "<config><object id=\"1\"><volume><metadata key=\"name\" value=\"a\"/><metadata key=\"volume_type\" "
+            "value=\"NegativeVolume\"/></volume></object></config>",
+            deflate);
     files.push_back(FileOf(zip.Bytes()));
   }
   return files;
