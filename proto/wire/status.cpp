@@ -127,6 +127,11 @@ absl::Status WithField(absl::Status status, std::string_view field) {
   return status;
 }
 
+absl::Status OfMesh(const absl::Status& status) {
+  if (!absl::IsInvalidArgument(status) || status.message().find(": ") != absl::string_view::npos) return status;
+  return WithField(status, "mesh");
+}
+
 grpc::Status ToGrpcStatus(const absl::Status& status) {
   if (status.ok()) return grpc::Status::OK;
   if (IsInUseByOthers(status) && !RetryDelay(status)) {

@@ -31,6 +31,10 @@ std::optional<std::string> MissingMesh(const absl::Status& status);
 // Attaches the field of the request ("mesh") to an INVALID_ARGUMENT status whose message does not name it.
 absl::Status WithField(absl::Status status, std::string_view field);
 
+// In: an error of loading a mesh. Out: the same; an INVALID_ARGUMENT that names no part of the file, before a ": ", has
+// the field "mesh".
+absl::Status OfMesh(const absl::Status& status);
+
 // Converts a job's status to a call's; no other code does. The code stays, the message is ErrorText; the details are
 //   INVALID_ARGUMENT      BadRequest: field = that of WithField, description = the message; otherwise field = the text
 //                         of the message before the first ": ", description = the rest

@@ -9,15 +9,6 @@
 #include "wire/status.h"
 
 namespace voxelpipe {
-namespace {
-
-// What is wrong with the file as a whole names no part of it; the request's part is the mesh then.
-absl::Status OfMesh(const absl::Status& status) {
-  if (!absl::IsInvalidArgument(status) || status.message().find(": ") != absl::string_view::npos) return status;
-  return WithField(status, "mesh");
-}
-
-}  // namespace
 
 absl::StatusOr<LoadedMesh> LoadMesh(std::vector<uint8_t> file, const LoadRequest& request, LoadWorkers* workers,
                                     const JobContext& job) {

@@ -53,7 +53,7 @@ absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uin
           absl::StrCat("on the device: only dense results stay on a GPU, not ", std::string(Name(request.result))));
     }
     absl::StatusOr<LoadedMesh> loaded = LoadMeshFor(job, file, {config.mesh_type, TexturesRead(request), {}});
-    if (!loaded.ok()) return WithField(loaded.status(), "mesh");
+    if (!loaded.ok()) return OfMesh(loaded.status());
     Outcome outcome;
     outcome.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
     outcome.peak_bytes = loaded->peak_bytes;

@@ -42,7 +42,8 @@ def main() -> int:
     for path, result in zip(arguments.meshes, results):
         if isinstance(result, voxelpipe.VoxelpipeError):
             failed += 1
-            print(f"{path}: {result}", file=sys.stderr)
+            # An error of the mesh names its file.
+            print(result if isinstance(result, voxelpipe.InvalidMesh) else f"{path}: {result}", file=sys.stderr)
             continue
         count = write_points(result, arguments.out / f"{path.stem}.npz")
         print(f"{path}: {count} points of {result.dims} voxels, of {result.voxel_size[0]:.6g}")

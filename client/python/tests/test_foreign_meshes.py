@@ -178,10 +178,34 @@ def test_contents_that_show_none(text: bytes) -> None:
     assert format_of(pathlib.Path("a.unknown"), memoryview(text)) == 0
 
 
-def test_a_mesh_of_no_format_is_an_invalid_mesh(client: voxelpipe.Client) -> None:
+# Also where the package voxelpipe_core runs them.
+@pytest.mark.parametrize("served", [True, False])
+@pytest.mark.parametrize(
+    "data, field",
+    [
+        (b"no mesh at all", "mesh"),
+        (b"DRACO\2\2\0\0\0\0", "draco"),
+        (b"ply\nformat", "PLY"),
+        (b"glTF\2\0\0\0", "GLB"),
+        (b'{"asset": 1}', "glTF"),
+        (b"OFF\n1", "OFF"),
+        (b"f 1 2 3\n", "OBJ"),
+        (b"solid\nvertex 1", "STL"),
+        (b"PK\3\4 3D/ and nothing else", "3MF"),
+    ],
+)
+def test_a_mesh_that_cannot_be_read_is_an_invalid_mesh(
+    client: voxelpipe.Client, monkeypatch: pytest.MonkeyPatch, data: bytes, field: str, served: bool
+) -> None:
+    if not served:
+        pytest.importorskip("voxelpipe_core")
+        monkeypatch.delenv("VOXELPIPE_SERVER", raising=False)
     with pytest.raises(InvalidMesh) as caught:
-        client.voxelize(b"no mesh at all", resolution=4)
-    assert caught.value.field == "mesh"
+        if served:
+            client.voxelize(data, resolution=4)
+        else:
+            voxelpipe.voxelize(data, resolution=4)
+    assert caught.value.field.startswith(field)
 
 
 def test_an_invalid_mesh_names_its_file(client: voxelpipe.Client, tmp_path: pathlib.Path) -> None:

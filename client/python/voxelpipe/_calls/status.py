@@ -13,7 +13,7 @@ _DETAILS = "grpc-status-details-bin"
 _PUSHBACK = "grpc-retry-pushback-ms"
 _MAX_DELAY_S = 3600.0  # a server's delay counts as at most this
 _MAX_NUMBER_DIGITS = 20  # of 64 bits
-_MESH_FORMATS = ("glTF", "GLB", "Draco", "STL", "PLY", "OFF", "OBJ", "3MF")
+_MESH_FORMATS = ("glTF", "GLB", "draco", "meshopt compression", "STL", "PLY", "OFF", "OBJ", "3MF")
 _MESH_PLACES = (*_MESH_FORMATS, "mesh", "buffer", "accessor", "image", "node")
 _BY_CODE: dict[str, type[errors.VoxelpipeError]] = {
     "FAILED_PRECONDITION": errors.NotAvailable,
