@@ -416,6 +416,12 @@ absl::StatusOr<std::optional<Primitive>> ReadPrimitive(const tinygltf::Primitive
       return full;
     }
     out.triangles = source.draco()->triangles;
+    // The positions may be those of an accessor, which has another number of vertices than the stream.
+    if (out.positions.size() < source.draco()->points) {
+      const std::string stream = absl::StrCat(where, ", the Draco stream");
+      absl::Status bad = CheckTriangles(out.triangles, out.positions.size(), stream, context.budget);
+      if (!bad.ok()) return bad;
+    }
   } else if (absl::Status bad = ReadTriangles(primitive, where, out, context); !bad.ok()) {
     return bad;
   }

@@ -245,6 +245,22 @@ TEST(GltfDracoValues, AnAttributeThatTheStreamLacksIsNamed) {
   EXPECT_THAT(std::string(status.message()), HasSubstr("_TEMP names the Draco attribute 77"));
 }
 
+// The stream's triangles may name vertices that a plain accessor of positions does not have.
+TEST(GltfDracoValues, PositionsBesideTheStreamMustHaveItsVertices) {
+  const std::vector<Column> columns = {PatchColumns()[0], PatchColumns()[1]};
+  GlbBuilder glb = PatchGlb(columns, Encode(columns, true));
+  json& primitive = glb.doc["meshes"][0]["primitives"][0];
+  primitive["extensions"]["KHR_draco_mesh_compression"]["attributes"].erase("POSITION");
+  EXPECT_TRUE(LoadScene(glb.Glb()).ok());
+  for (json& accessor : glb.doc["accessors"]) {
+    if (accessor["type"] == "VEC3") accessor["count"] = kSide * kSide - 1;
+  }
+  const absl::Status status = LoadScene(glb.Glb()).status();
+  EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_THAT(std::string(status.message()), HasSubstr("mesh 0, primitive 0, the Draco stream: index 15 at position"));
+  EXPECT_THAT(std::string(status.message()), HasSubstr("there are 15 vertices"));
+}
+
 // In a plain .drc file, names are metadata.
 TEST(DracoFile, StreamsEndWithTheirJob) {
   const ByteVector stream = Encode(PatchColumns(), false);
