@@ -1,9 +1,9 @@
 #include "load/base/text_reader.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cstring>
 #include <limits>
-#include <optional>
 
 #include "absl/strings/str_cat.h"
 #include "base/text.h"
@@ -14,10 +14,13 @@ namespace {
 constexpr std::ptrdiff_t kBytesAStep = 1 << 20;  // in search of the end of a line, between two polls of the job
 constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
 
-constexpr auto IsBlank = [](char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f'; };
+// One comparison tells the characters of words, which are most, from blanks and the ends of lines.
+constexpr auto IsBlank = [](char c) {
+  return static_cast<unsigned char>(c) <= ' ' && (c == ' ' || c == '\t' || c == '\v' || c == '\f');
+};
 
 bool IsBlankOrEnd(char c) {
-  return IsBlank(c) || c == '\n' || c == '\r';
+  return static_cast<unsigned char>(c) <= ' ' && (IsBlank(c) || c == '\n' || c == '\r');
 }
 
 std::string_view WithoutPlus(std::string_view word) {
@@ -25,14 +28,14 @@ std::string_view WithoutPlus(std::string_view word) {
   return word;
 }
 
-// The library's answer for the whole word; empty if the word is no number.
+// The library's answer for a word; `is_number`: false if the word as a whole is none.
 template <typename Real>
-std::optional<std::errc> Parse(std::string_view word, Real& value) {
-  if (word.size() > kMaxNumberBytes) return std::nullopt;
+std::errc Parse(std::string_view word, Real& value, bool& is_number) {
+  if (word.size() > kMaxNumberBytes) return std::errc::invalid_argument;  // which would take its time
   word = WithoutPlus(word);
   const char* const end = word.data() + word.size();
   const std::from_chars_result read = std::from_chars(word.data(), end, value);
-  if (read.ptr != end || word.empty()) return std::nullopt;
+  is_number = read.ptr == end && read.ec != std::errc::invalid_argument;
   return read.ec;
 }
 
@@ -65,7 +68,10 @@ std::optional<std::string_view> TextLines::Next() {
   const std::string_view rest = place_.rest();
   if (rest.empty()) return std::nullopt;
   const char *const at = rest.data(), *const text_end = at + rest.size();
-  if (line_feed_ < at) line_feed_ = Find(at, text_end, '\n');
+  if (line_feed_ < at) {
+    const void* const near = std::memchr(at, '\n', size_t(std::min(text_end - at, kBytesAStep)));
+    line_feed_ = near != nullptr ? static_cast<const char*>(near) : Find(at, text_end, '\n');
+  }
   ++number_;
   const bool is_short = line_feed_ - at < kBytesAStep;  // as almost all are
   const void* const found = is_short ? std::memchr(at, '\r', size_t(line_feed_ - at)) : nullptr;
@@ -117,9 +123,8 @@ bool Contains(std::string_view text, std::string_view part, const JobContext& jo
 }
 
 bool ReadReal(std::string_view word, float& value) {
-  const std::optional<std::errc> read = Parse(word, value);
-  if (read == std::errc()) return true;
-  if (read != std::errc::result_out_of_range) return false;
+  bool is_number = false;
+  if (Parse(word, value, is_number) == std::errc() || !is_number) return is_number;
   // The library does not say on which side it is out of range, but doubles have room on both.
   double wide = 0;
   ReadReal(word, wide);
@@ -128,9 +133,8 @@ bool ReadReal(std::string_view word, float& value) {
 }
 
 bool ReadReal(std::string_view word, double& value) {
-  const std::optional<std::errc> read = Parse(word, value);
-  if (read == std::errc()) return true;
-  if (read != std::errc::result_out_of_range) return false;
+  bool is_number = false;
+  if (Parse(word, value, is_number) == std::errc() || !is_number) return is_number;
   const bool tiny = word.find("e-") != std::string_view::npos || word.find("E-") != std::string_view::npos;
   value = tiny ? 0.0 : std::numeric_limits<double>::infinity();
   return true;

@@ -271,15 +271,9 @@ class BodyReader {
     return absl::OkStatus();
   }
 
-  // In: at least 0, or -1 where `restarts`. A wrong index is an error.
-  absl::StatusOr<int64_t> ReadIndex(const Element& element, uint64_t row, const Property& property, bool restarts) {
-    int64_t index = 0;
-    if (!values_.Integer(property.type, index)) return Missing(element, row, property);
-    if (restarts && index == -1) return index;
-    if (index < 0 || uint64_t(index) >= vertices_) {
-      return budget_.Invalid(element.name, " ", row, ": vertex ", index, " does not exist: there are ", vertices_);
-    }
-    return index;
+  bool IsVertex(int64_t index) const { return index >= 0 && uint64_t(index) < vertices_; }
+  absl::Status NoVertex(const Element& element, uint64_t row, int64_t index) const {
+    return budget_.Invalid(element.name, " ", row, ": vertex ", index, " does not exist: there are ", vertices_);
   }
 
   absl::Status ReadFace(const Element& element, uint64_t row, const Property& property,
@@ -288,11 +282,13 @@ class BodyReader {
     if (!count.ok()) return count.status();
     corners.clear();
     if (absl::Status full = budget_.MakeRoom(corners, *count, "a face"); !full.ok()) return full;
+    corners.resize(*count);
     for (uint64_t i = 0; i < *count; ++i) {
       if (absl::Status over = Poll(i + 1); !over.ok()) return over;
-      const absl::StatusOr<int64_t> index = ReadIndex(element, row, property, false);
-      if (!index.ok()) return index.status();
-      corners.push_back(uint32_t(*index));
+      int64_t index = 0;
+      if (!values_.Integer(property.type, index)) return Missing(element, row, property);
+      if (!IsVertex(index)) return NoVertex(element, row, index);
+      corners[i] = uint32_t(index);
     }
     if (*count < 3) ++few_corners_;
     if (out_.positions.size() == vertices_) return polygons_.Add(corners, out_);
@@ -334,13 +330,14 @@ class BodyReader {
     uint64_t corners = 0;  // of the strip so far
     for (uint64_t i = 0; i < *count; ++i) {
       if (absl::Status over = Poll(i + 1); !over.ok()) return over;
-      const absl::StatusOr<int64_t> index = ReadIndex(element, row, property, true);
-      if (!index.ok()) return index.status();
-      if (*index < 0) {
+      int64_t index = 0;
+      if (!values_.Integer(property.type, index)) return Missing(element, row, property);
+      if (index == -1) {
         corners = 0;
         continue;
       }
-      const auto corner = uint32_t(*index);
+      if (!IsVertex(index)) return NoVertex(element, row, index);
+      const auto corner = uint32_t(index);
       if (++corners >= 3) {
         if (absl::Status full = budget_.CheckTriangles(out_.triangles.size() + 1); !full.ok()) return full;
         if (absl::Status full = budget_.MakeRoom(out_.triangles, 1, "triangles"); !full.ok()) return full;

@@ -9,6 +9,7 @@
 #include <string>
 #include <string_view>
 
+#include "absl/base/attributes.h"
 #include "absl/strings/str_cat.h"
 #include "load/base/text_reader.h"
 #include "load/ply/ply_header.h"
@@ -68,7 +69,8 @@ class BinaryValues {
 
   bool Float(Type type, float& value) { return Real(type, value); }
   bool Double(Type type, double& value) { return Real(type, value); }
-  bool Integer(Type type, int64_t& value) {
+  // Of each corner of a face.
+  ABSL_ATTRIBUTE_ALWAYS_INLINE bool Integer(Type type, int64_t& value) {
     if (left() < SizeOf(type)) return false;
     switch (type) {
       case Type::kInt8: value = Take<int8_t>(); return true;
