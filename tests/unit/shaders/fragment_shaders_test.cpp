@@ -235,8 +235,12 @@ TEST(CoverageFractionTest, ATriangleInASharedFaceCountsInTheVoxelBehindIt) {
         below[axis] = at - 1;
         above[axis] = at;
         const bool counts_below = at == 8 || (at != 0 && !turned);
-        if (at != 0) EXPECT_EQ(Fraction(scene, below), counts_below ? 1 : 0) << axis << turned << at;
-        if (at != 8) EXPECT_EQ(Fraction(scene, above), counts_below ? 0 : 1) << axis << turned << at;
+        if (at != 0) {
+          EXPECT_EQ(Fraction(scene, below), counts_below ? 1 : 0) << axis << turned << at;
+        }
+        if (at != 8) {
+          EXPECT_EQ(Fraction(scene, above), counts_below ? 0 : 1) << axis << turned << at;
+        }
       }
     }
   }
