@@ -60,11 +60,11 @@ inline constexpr int64_t kMaxGridDim = int64_t{1} << 20;  // voxels an axis
 // Out: the grid. `tight` gives axes of the longest extent L exactly N
 // voxels, h = L/N, the others max(1, ceil(extent/L*N - slack)). `cube` gives N x N x N for every mesh and centres the
 // shorter axes. L = 0: one voxel of size 1 centred on the point or, with `cube`, N x N x N of them, of which voxel
-// floor(N/2) an axis is; an empty box: one around 0, with `cube` N x N x N from 0 on. The slack is the bound of the float32 rounding error, in voxels:
-// max(1e-9, min(4e-4, 2^-22 * max(|min|, |max|) / h)) of each axis. Points beyond the last voxel by at most the slack
-// count as lying on its far side (IndexSpace). Errors: INVALID_ARGUMENT naming the field (resolution < 1, voxel_size
-// not finite or <= 0, dims without origin, ...); RESOURCE_EXHAUSTED for a grid beyond kMaxGridDim an axis or 2^53
-// voxels.
+// floor(N/2) an axis is; an empty box: one around 0, with `cube` N x N x N from 0 on. The slack is the bound of the
+// float32 rounding error, in voxels: max(1e-9, min(4e-4, 2^-22 * max(|min|, |max|) / h)) of each axis. Points beyond
+// the last voxel by at most the slack count as lying on its far side (IndexSpace). Errors: INVALID_ARGUMENT naming the
+// field (resolution < 1, voxel_size not finite or <= 0, dims without origin, ...); RESOURCE_EXHAUSTED for a grid beyond
+// kMaxGridDim an axis or 2^53 voxels.
 absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box);
 
 }  // namespace voxelpipe

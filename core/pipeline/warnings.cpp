@@ -14,7 +14,7 @@
 namespace voxelpipe {
 namespace {
 
-// Whether no target keeps a fragment of a masked material whose alpha is too small.
+// True if no target keeps a fragment of a masked material whose alpha is too small.
 bool EveryShaderDiscards(const VoxelizeRequest& request) {
   return std::all_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& target) {
     const ShaderInfo* const info = FindShader(ShaderStage::kFragment, target.shader.name);
@@ -30,15 +30,11 @@ bool HasMask(const TriangleMesh& mesh) {
   return false;
 }
 
-// Shaders whose values lie from -1 to 1.
-constexpr std::string_view kFractional[] = {"barycentric", "geometric_normal", "normal", "tangent",
-                                            "uv",          "coverage_fraction"};
-
 // True if whole numbers are all that is left of the shader's values.
 bool RoundsFractions(const TargetSpec& target) {
   const bool integer = target.format == VoxelFormat::kU8 || target.format == VoxelFormat::kU16;
-  return integer && !target.scale && target.blend != Blend::kCount &&
-         std::find(std::begin(kFractional), std::end(kFractional), target.shader.name) != std::end(kFractional);
+  const ShaderInfo* const info = FindShader(ShaderStage::kFragment, target.shader.name);
+  return integer && !target.scale && target.blend != Blend::kCount && info != nullptr && info->is_fraction;
 }
 
 void AddTargetWarnings(const VoxelizeRequest& request, WarningList& warnings) {

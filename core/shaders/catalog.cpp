@@ -165,6 +165,7 @@ const std::vector<ShaderInfo>& Catalog() {
       (*rows)[i].reads_textures = traits.reads_textures();
       (*rows)[i].can_discard = traits.can_discard;
       (*rows)[i].is_color = traits.is_color;
+      (*rows)[i].is_fraction = traits.is_fraction;
     }
     return rows;
   }();

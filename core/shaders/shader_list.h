@@ -102,7 +102,7 @@ VOXELPIPE_HD bool MayDiscard(FragmentShaderId id, const MaterialView& material) 
 
 // FragmentShaderTraits of a shader chosen at run time, or the union over several (operator|=).
 struct ShaderTraits {
-  bool needs_barycentrics = false, can_discard = false, is_color = false;
+  bool needs_barycentrics = false, can_discard = false, is_color = false, is_fraction = false;
   bool reads_base_color = false, reads_emissive = false, reads_metallic_roughness = false;
   bool needs_plane = false;
 
@@ -111,6 +111,7 @@ struct ShaderTraits {
     needs_barycentrics = needs_barycentrics || other.needs_barycentrics;
     can_discard = can_discard || other.can_discard;
     is_color = is_color || other.is_color;
+    is_fraction = is_fraction || other.is_fraction;
     reads_base_color = reads_base_color || other.reads_base_color;
     reads_emissive = reads_emissive || other.reads_emissive;
     reads_metallic_roughness = reads_metallic_roughness || other.reads_metallic_roughness;
@@ -121,10 +122,15 @@ struct ShaderTraits {
 
 VOXELPIPE_HD ShaderTraits TraitsOf(FragmentShaderId id) {
   switch (id) {
-#define VOXELPIPE_CASE(name)                                                                                       \
-  case FragmentShaderId::k##name:                                                                                  \
-    return {name##Shader::kNeedsBarycentrics, name##Shader::kCanDiscard,    name##Shader::kIsColor,                \
-            name##Shader::kReadsBaseColor,    name##Shader::kReadsEmissive, name##Shader::kReadsMetallicRoughness, \
+#define VOXELPIPE_CASE(name)                       \
+  case FragmentShaderId::k##name:                  \
+    return {name##Shader::kNeedsBarycentrics,      \
+            name##Shader::kCanDiscard,             \
+            name##Shader::kIsColor,                \
+            name##Shader::kIsFraction,             \
+            name##Shader::kReadsBaseColor,         \
+            name##Shader::kReadsEmissive,          \
+            name##Shader::kReadsMetallicRoughness, \
             name##Shader::kNeedsPlane};
     VOXELPIPE_FRAGMENT_SHADERS(VOXELPIPE_CASE)
 #undef VOXELPIPE_CASE

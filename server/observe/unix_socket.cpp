@@ -106,7 +106,7 @@ absl::Status UnixSocket::RemoveAbandoned() {
   const absl::StatusOr<bool> abandoned = IsAbandoned(name_);
   if (!abandoned.ok()) return abandoned.status();
   if (!*abandoned) return absl::OkStatus();
-  // Another server may take the path at any time. So the socket is moved aside, and tried again where no other moves it.
+  // Another server may take the path at any time. So the socket is moved aside and tried again there.
   const std::string aside = folder_ + kAside;
   if (renameat(directory_, name_.c_str(), directory_, aside.c_str()) != 0) {
     return errno == ENOENT ? absl::OkStatus() : Failure(std::strerror(errno));

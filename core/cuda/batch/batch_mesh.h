@@ -32,8 +32,8 @@ class BatchMesh {
   // Adds the arrays that the member's stages read and that are not cached to `layout`. `member` and this object must
   // live until the layout is copied.
   absl::Status Add(const BatchMember& member, KeptArrays& kept, UploadLayout& layout);
-  // Call when the layout's block has its address. `index_positions`: where the pass stores the vertices in index space, of
-  // a grid with these dims.
+  // Call when the layout's block has its address. `index_positions`: where the pass stores the vertices in index space,
+  // of a grid with these dims.
   void Place(const uint8_t* block, const Vec3d* index_positions, const std::array<int64_t, 3>& grid_dims);
 
   // On the device; valid after Place.

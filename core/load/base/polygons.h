@@ -19,8 +19,8 @@ class Polygons {
  public:
   explicit Polygons(LoadBudget& budget) : budget_(budget) {}
 
-  // In: the corners of a polygon in order, vertices of `out`. Adds corners - 2 triangles to it; nothing for fewer than 3
-  // corners. They are the fan (0, 1, 2), (0, 2, 3), ... where it covers the polygon, so always if that is convex;
+  // In: the corners of a polygon in order, vertices of `out`. Adds corners - 2 triangles to it; nothing for fewer than
+  // 3 corners. They are the fan (0, 1, 2), (0, 2, 3), ... where it covers the polygon, so always if that is convex;
   // otherwise ears, seen along the polygon's normal, with the winding of the polygon. A polygon that crosses itself, or
   // has no area, is a fan. The time is in proportion to the corners: a polygon that takes more than its part, and than
   // 0.1 s for the whole file, is a fan, too. Errors: RESOURCE_EXHAUSTED; the job's.

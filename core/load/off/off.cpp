@@ -316,8 +316,8 @@ class BodyReader {
   float most_ = 0;          // number of a colour
 };
 
-// Most files have a vertex a line, some with more numbers than the keyword says. Those that fit this in no way may break
-// lines anywhere.
+// Most files have a vertex a line, some with more numbers than the keyword says. Those that fit this in no way may
+// break lines anywhere.
 absl::StatusOr<Primitive> ReadOff(std::string_view text, LoadBudget& budget, WarningList& warnings) {
   LineWords words{Lines(text, budget.job())};
   const absl::StatusOr<Head> head = ReadHead(words, text.size(), budget);

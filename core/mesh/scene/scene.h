@@ -36,8 +36,8 @@ struct MorphData {
 // index is proved to be below positions.size(). Each attribute array is empty or has positions.size() elements.
 struct Primitive {
   std::vector<Vec3f> positions;  // object space, morph targets at their default weights already applied
-  // The positions as the file has them in double; empty where it has floats, or only values that floats hold. Never with
-  // morph targets or joints.
+  // The positions as the file has them in double; empty where it has floats, or only values that floats hold. Never
+  // with morph targets or joints.
   std::vector<Vec3d> double_positions;
   std::vector<Vec3f> normals;                      // object space, as stored (not normalized)
   std::vector<Vec4f> tangents;                     // xyz object space, w = handedness

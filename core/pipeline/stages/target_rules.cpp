@@ -77,6 +77,10 @@ FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec&
     return fill;
   }
   if (spec.blend == Blend::kCount) return fill;
+  if (!HasFillValue(request.request, spec)) {
+    for (uint32_t& stored : fill.stored) StoreNumber(spec.clear, spec, stored);
+    return fill;
+  }
   FragmentOutput out;
   switch (FragmentShaderId(shader.id)) {
     case FragmentShaderId::kOccupancy:
@@ -93,15 +97,12 @@ FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec&
       std::copy_n(shader.params.value, 3, fill.parameters);
       return fill;
     case FragmentShaderId::kVelocity:
-      if (GivesVelocities(request.request.vertex_shader)) break;
       fill.kind = FillValue::Kind::kVelocity;
       std::copy_n(request.vertex_shader.params.value + OwnParameters(VertexShaderId(request.vertex_shader.id)),
                   RigidMotion::kParameters, fill.parameters);
       return fill;
-    default: break;
+    default: return fill;  // has no fill value
   }
-  for (uint32_t& stored : fill.stored) StoreNumber(spec.clear, spec, stored);
-  return fill;
 }
 
 }  // namespace voxelpipe

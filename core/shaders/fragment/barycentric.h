@@ -7,6 +7,7 @@ namespace voxelpipe {
 
 // Output: f32, 3 components: the weights of the triangle's vertices, not negative, with the sum 1 up to rounding.
 struct BarycentricShader : FragmentShaderTraits {
+  static constexpr bool kIsFraction = true;
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     out.f[0] = in.barycentric.x;

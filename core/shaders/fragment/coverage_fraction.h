@@ -50,8 +50,8 @@ VOXELPIPE_HD double ClippedArea(const Vec3d& a, const Vec3d& b, const Vec3d& c, 
   return 0.5 * sqrt(Dot(twice, twice));
 }
 
-// True if the triangle lies in the plane of a face of the voxel and counts in the voxel on the face's other side: in the
-// one behind the triangle, against its normal; at the grid's border in the one there is.
+// True if the triangle lies in the plane of a face of the voxel and counts in the voxel on the face's other side: in
+// the one behind the triangle, against its normal; at the grid's border in the one there is.
 VOXELPIPE_HD bool CountsBeyondFace(const Vec3d& a, const Vec3d& b, const Vec3d& c, const int64_t voxel[3],
                                    const int64_t grid_dims[3]) {
   for (int axis = 0; axis < 3; ++axis) {
@@ -68,9 +68,10 @@ VOXELPIPE_HD bool CountsBeyondFace(const Vec3d& a, const Vec3d& b, const Vec3d& 
 // Output: f32, 1 component: the area of the triangle inside the closed voxel over the area of a voxel's face, both in
 // index space. A plane parallel to a face that cuts the whole voxel gives 1; the maximum is sqrt(2) (the rectangle
 // through two opposite edges). 0 for voxels that the triangle only touches or that the widening of the coverage test
-// adds, and for degenerate triangles. An area in a face that two voxels share counts in one (CountsBeyondFace). Faces are
-// unit squares of index space, also where the voxel's edges differ in length.
+// adds, and for degenerate triangles. An area in a face that two voxels share counts in one (CountsBeyondFace). Faces
+// are unit squares of index space, also where the voxel's edges differ in length.
 struct CoverageFractionShader : FragmentShaderTraits {
+  static constexpr bool kIsFraction = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     if (in.degenerate) return;
     const Vec3d* p = in.mesh->index_positions;

@@ -7,6 +7,7 @@ namespace voxelpipe {
 
 // Output: f32, 3 components, world axes, unit length; the geometric normal where the mesh has no normals.
 struct NormalShader : FragmentShaderTraits {
+  static constexpr bool kIsFraction = true;
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput& in) { return !in.part->has_normals; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {

@@ -11,6 +11,7 @@ namespace voxelpipe {
 // handedness of the bitangent cross(normal, tangent) * w. Where the mesh has no tangents, or they cancel out: 0, 0, 0
 // and w.
 struct TangentShader : FragmentShaderTraits {
+  static constexpr bool kIsFraction = true;
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput& in) { return !in.part->has_tangents; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {

@@ -8,6 +8,7 @@ namespace voxelpipe {
 // Parameter set: 0 or 1 (TEXCOORD_0, TEXCOORD_1). Output: f32, 2 components, as in the file: origin at the image's top
 // left, not wrapped, no KHR_texture_transform. 0, 0 where the mesh has none of that set.
 struct UvShader : FragmentShaderTraits {
+  static constexpr bool kIsFraction = true;
   static constexpr bool kNeedsBarycentrics = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams& params, FragmentOutput& out) {
     const int set = params.value[0] == 1 ? 1 : 0;
