@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "base/long_loops.h"
 #include "load/base/flat_scene.h"
 
 namespace voxelpipe {
@@ -35,7 +36,7 @@ absl::StatusOr<uint32_t> CornerMesh::VertexOf(const Corner& corner) {
   if (first_.size() <= corner.position) {
     const uint64_t more = lists_.positions->size() - first_.size();
     if (absl::Status full = budget_.MakeRoom(first_, more, "vertices"); !full.ok()) return full;
-    first_.resize(lists_.positions->size());
+    if (absl::Status over = Resize(budget_.job(), first_, lists_.positions->size()); !over.ok()) return over;
   }
   uint64_t& first = first_[corner.position];
   const uint32_t newest = first > before_ ? uint32_t(first - 1 - before_) : kNone;

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "absl/strings/str_cat.h"
+#include "base/long_loops.h"
 
 namespace voxelpipe {
 namespace {
@@ -138,8 +139,8 @@ absl::Status Polygons::SortReflex() {
   cell_corners_.clear();
   if (absl::Status full = budget_.MakeRoom(cell_begin_, cells + 1, "a face"); !full.ok()) return full;
   if (absl::Status full = budget_.MakeRoom(cell_corners_, reflex, "a face"); !full.ok()) return full;
-  cell_begin_.resize(cells + 1);
-  cell_corners_.resize(reflex);
+  if (absl::Status over = Resize(budget_.job(), cell_begin_, cells + 1); !over.ok()) return over;
+  if (absl::Status over = Resize(budget_.job(), cell_corners_, reflex); !over.ok()) return over;
   const auto number = [&](const Corner& corner) {
     const auto [x, y] = CellOf(corner.x, corner.y);
     return size_t(x) + size_t(y) * cells_x_;

@@ -17,6 +17,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/limit_error.h"
+#include "base/long_loops.h"
 #include "load/decode/draco_orientations.h"
 #include "load/decode/foreign_decoders.h"
 
@@ -166,7 +167,7 @@ absl::StatusOr<DracoAttribute> ReadAttribute(const JobContext& job, draco::Point
   if (out.components < 1 || out.components > 4) {
     return Invalid(absl::StrCat("attribute ", out.unique_id, " has ", out.components, " components"));
   }
-  out.values.resize(size_t(points) * size_t(out.components));
+  if (absl::Status over = Resize(job, out.values, uint64_t(points) * uint64_t(out.components)); !over.ok()) return over;
   for (uint32_t i = 0; i < points; ++i) {
     if (i % kStep == 0) {
       if (absl::Status over = job.Check(); !over.ok()) return over;

@@ -282,9 +282,13 @@ class BodyReader {
     if (!count.ok()) return count.status();
     corners.clear();
     if (absl::Status full = budget_.MakeRoom(corners, *count, "a face"); !full.ok()) return full;
-    corners.resize(*count);
     for (uint64_t i = 0; i < *count; ++i) {
-      if (absl::Status over = Poll(i + 1); !over.ok()) return over;
+      if (i == corners.size()) {  // in steps: to touch all of the room at once takes long
+        if (i > 0) {
+          if (absl::Status over = budget_.job().Check(); !over.ok()) return over;
+        }
+        corners.resize(std::min(*count, i + kElementsAStep));
+      }
       int64_t index = 0;
       if (!values_.Integer(property.type, index)) return Missing(element, row, property);
       if (!IsVertex(index)) return NoVertex(element, row, index);
