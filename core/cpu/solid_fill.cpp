@@ -98,6 +98,18 @@ int64_t SpreadSums(BlockSums& in, int64_t rows, int64_t words_per_row, uint32_t*
   return odd;
 }
 
+// True if crossings or large triangles were binned to a block.
+bool IsCrossed(const WorkOfThreads& work, const LineBlocks& lines, int64_t block) {
+  bool crossed = false;
+  const auto see = [&](const uint32_t*, int64_t n) { crossed = crossed || n > 0; };
+  const auto kinds = size_t(lines.kinds());
+  for (const ThreadWork& thread : work) {
+    for (size_t kind = 0; kind < kinds; ++kind) thread.toggles.ForEachBlock(kinds * size_t(block) + kind, see);
+    thread.large.ForEachBlock(size_t(block), see);
+  }
+  return crossed;
+}
+
 // The filled voxels by the signs of crossings; parameters as in Cast.
 absl::Status SumBlocks(RunState& state, const LineBlocks& lines, const RowMesh& mesh, WorkOfThreads& work, BitGrid& out,
                        bool add) {
@@ -111,6 +123,12 @@ absl::Status SumBlocks(RunState& state, const LineBlocks& lines, const RowMesh& 
     BlockSums& memory = scratch.local();
     const BlockToggles sums{memory.touched.data(), nullptr, memory.sums.data(), memory.outside.data()};
     for (int64_t block = begin; block < end; ++block) {
+      const int64_t first = block << lines.block_shift, rows = std::min(block_rows, lines.rows() - first);
+      uint32_t* const to = out.row(first).data();
+      if (!IsCrossed(work, lines, block)) {
+        if (!add) std::fill_n(to, rows * words_per_row, 0u);
+        continue;
+      }
       for (const ThreadWork& thread : work) {  // sums commute: the order of threads does not matter
         for (const size_t kind : {0, 1, 2, 3}) {
           const uint32_t sign = kind < 2 ? kRises : kFalls;
@@ -124,8 +142,7 @@ absl::Status SumBlocks(RunState& state, const LineBlocks& lines, const RowMesh& 
           for (int64_t i = 0; i < n; ++i) kernels.cross_large(mesh, ids[i], lines, block, sums);
         });
       }
-      const int64_t first = block << lines.block_shift, rows = std::min(block_rows, lines.rows() - first);
-      odd += SpreadSums(memory, rows, words_per_row, out.row(first).data(), add);
+      odd += SpreadSums(memory, rows, words_per_row, to, add);
     }
   });
   state.counts.odd_columns = uint64_t(odd.load());
@@ -145,6 +162,12 @@ absl::Status ToggleBlocks(RunState& state, const LineBlocks& lines, const RowMes
     HostArray<uint32_t>& memory = scratch.local();
     const BlockToggles toggles{memory.data(), memory.data() + words};
     for (int64_t block = begin; block < end; ++block) {
+      const int64_t first = block << lines.block_shift, rows = std::min(block_rows, lines.rows() - first);
+      uint32_t* const filled = out.row(first).data();
+      if (!IsCrossed(work, lines, block)) {
+        if (!add) std::fill_n(filled, rows * words_per_row, 0u);
+        continue;
+      }
       std::memset(memory.data(), 0, memory.size() * sizeof(uint32_t));
       for (const ThreadWork& thread : work) {  // toggling commutes: the order of threads does not matter
         for (const bool outside : {false, true}) {
@@ -157,8 +180,7 @@ absl::Status ToggleBlocks(RunState& state, const LineBlocks& lines, const RowMes
           for (int64_t i = 0; i < n; ++i) kernels.cross_large(mesh, ids[i], lines, block, toggles);
         });
       }
-      const int64_t first = block << lines.block_shift, rows = std::min(block_rows, lines.rows() - first);
-      odd += kernels.spread_toggles(toggles, rows, words_per_row, out.row(first).data(), add);
+      odd += kernels.spread_toggles(toggles, rows, words_per_row, filled, add);
     }
   });
   state.counts.odd_columns = uint64_t(odd.load());

@@ -56,7 +56,7 @@ class BrickMaker {
     }
     if (s = Allocate(total); !s.ok()) return s;
     s = ParallelChunks(ny_ * nz_, 4, state_.job, [&](int64_t begin, int64_t end) {
-      for (int64_t r = begin; r < end; ++r) Emit(r, total.voxels);
+      for (int64_t r = begin; r < end; ++r) Emit(r, total.bricks, total.voxels);
     });
     if (!s.ok()) return s;
     return std::move(out_);
@@ -85,7 +85,7 @@ class BrickMaker {
   // True if rows [y0, y1) of slices [z0, z1) hold no occupied voxel; false also if the tiles tell where bricks are.
   // Most rows of a large grid are empty, and a row's words are contiguous: one pass over them is the quickest answer.
   bool IsEmptyRow(int64_t y0, int64_t y1, int64_t z0, int64_t z1) const {
-    if (!state_.slab_tiles.empty()) return false;
+    if (!state_.slab_tiles.empty() && state_.inside.empty()) return false;
     uint32_t any = 0;
     for (int64_t z = z0; z < z1; ++z) {
       for (int64_t y = y0; y < y1; ++y) {
@@ -142,8 +142,9 @@ class BrickMaker {
     return absl::OkStatus();
   }
 
-  void Emit(int64_t r, uint64_t all_voxels) {
+  void Emit(int64_t r, uint64_t all_bricks, uint64_t all_voxels) {
     BrickRow at = rows_[size_t(r)];
+    if (at.bricks == (size_t(r) + 1 < rows_.size() ? rows_[size_t(r) + 1].bricks : all_bricks)) return;  // has none
     const int64_t by = r % ny_, bz = r / ny_ + state_.slab.begin / kBrick;
     ForEachBrick(r, [&](int64_t bx, const std::array<uint8_t, kMaskBytes>& mask) {
       const uint64_t id = uint64_t(bx + nx_ * (by + ny_ * bz));
