@@ -405,19 +405,21 @@ class Packer {
 
 }  // namespace
 
-absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits, WarningList* warnings,
-                                              const OutsideFiles& outside) {
+absl::StatusOr<PackedMesh> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits, WarningList* warnings,
+                                               const OutsideFiles& outside) {
   const auto named = [&path](const absl::Status& why) {
     return WithText(why, absl::StrCat(path, ": ", std::string(why.message())));
   };
   auto bytes = ReadLocalFile(path, limits.max_file_bytes);
   if (!bytes.ok()) return named(bytes.status());
   const JobContext endless;
-  MeshFormat format = DetectMeshFormat(endless, *bytes).value_or(MeshFormat::kAuto);
-  if (format == MeshFormat::kAuto) format = MeshFormatOfName(path).value_or(format);
-  auto packed = PackMesh(endless, *std::move(bytes), fs::path(path).parent_path(), limits, warnings, outside, format);
+  PackedMesh mesh;
+  mesh.format = FormatToTell(endless, *bytes, path).value_or(MeshFormat::kAuto);
+  const fs::path directory = fs::path(path).parent_path();
+  auto packed = PackMesh(endless, *std::move(bytes), directory, limits, warnings, outside, mesh.format);
   if (!packed.ok()) return named(packed.status());
-  return packed;
+  mesh.bytes = *std::move(packed);
+  return mesh;
 }
 
 absl::StatusOr<FileBytes> PackMesh(const JobContext& job, FileBytes bytes, const fs::path& directory,

@@ -23,6 +23,12 @@ struct OutsideFiles {
   TextureUse wanted{true, true, true};
 };
 
+// A mesh file that needs no other one.
+struct PackedMesh {
+  FileBytes bytes;
+  MeshFormat format = MeshFormat::kAuto;  // FormatToTell: LoadScene and calls need it with the bytes
+};
+
 // In: path of a mesh file of any format. Out: bytes that LoadScene accepts without any file access. A .gltf (or .glb)
 // that refers to sibling files is packed with them into one GLB, an .obj gets them as data: URIs (pack_obj.h); only
 // files inside the file's own directory (after resolving symbolic links) are read unless `outside` allows others,
@@ -31,8 +37,8 @@ struct OutsideFiles {
 // INVALID_ARGUMENT, RESOURCE_EXHAUSTED past max_file_bytes, the system's with their reason. They begin with `path`, and
 // name the URI at fault. `warnings`, if given, receives faults that the packed bytes no longer show: a byte order mark
 // and bytes after a GLB's end.
-absl::StatusOr<FileBytes> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {},
-                                              WarningList* warnings = nullptr, const OutsideFiles& outside = {});
+absl::StatusOr<PackedMesh> ReadAndPackMeshFile(const std::string& path, const LoadLimits& limits = {},
+                                               WarningList* warnings = nullptr, const OutsideFiles& outside = {});
 
 // The same for a mesh in memory, in any of the formats, whose errors name the URI alone; files that it names are
 // searched in `directory` (empty: the working directory). A file is read once however often it is named. What is read

@@ -191,8 +191,8 @@ void MeasureYardstick(benchmark::State& state, const TriangleMesh& mesh) {
 }
 
 TriangleMesh LoadFile(const std::string& path) {
-  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
-  absl::StatusOr<Scene> scene = bytes.ok() ? LoadScene(*bytes) : bytes.status();
+  const absl::StatusOr<PackedMesh> file = ReadAndPackMeshFile(path);
+  absl::StatusOr<Scene> scene = file.ok() ? LoadScene(file->bytes, file->format) : file.status();
   absl::StatusOr<TriangleMesh> mesh = scene.ok() ? Flatten(*scene) : scene.status();
   if (!mesh.ok()) {
     std::fprintf(stderr, "%s: %s\n", path.c_str(), mesh.status().ToString().c_str());

@@ -17,14 +17,12 @@ absl::StatusOr<FileBytes> ReadAndPack(const std::string& path, const OutsideFile
   if (!bytes.ok()) return bytes.status();
   const std::filesystem::path directory =
       IsStandardStream(path) ? std::filesystem::path() : std::filesystem::path(path).parent_path();
-  MeshFormat format = type.format;
-  if (format == MeshFormat::kAuto) {
-    const absl::StatusOr<MeshFormat> detected = DetectMeshFormat(job, *bytes);
-    if (!detected.ok()) return detected.status();
-    format = *detected;
-    if (format == MeshFormat::kAuto) format = type.format = MeshFormatOfName(path).value_or(format);
+  if (type.format == MeshFormat::kAuto) {
+    const absl::StatusOr<MeshFormat> format = FormatToTell(job, *bytes, path);
+    if (!format.ok()) return format.status();
+    type.format = *format;
   }
-  return PackMesh(job, *std::move(bytes), directory, {}, &warnings, outside, format);
+  return PackMesh(job, *std::move(bytes), directory, {}, &warnings, outside, type.format);
 }
 
 }  // namespace

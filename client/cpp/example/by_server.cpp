@@ -13,7 +13,7 @@ absl::Status Run(const char* path, const char* target) {
   if (!client.ok()) return client.status();
   voxelpipe::JobContext job;
   job.set_deadline(voxelpipe::JobContext::Clock::now() + std::chrono::seconds(60));
-  const auto stored = (*client)->UploadMesh(*file, voxelpipe::MeshFormat::kAuto, job);  // its bytes travel once
+  const auto stored = (*client)->UploadMesh(file->bytes, file->format, job);  // its bytes travel once
   if (!stored.ok()) return stored.status();
   voxelpipe::VoxelizeRequest request;
   request.grid.resolution = 64;

@@ -10,7 +10,7 @@ absl::Status Run(const char* path) {
   const auto file = voxelpipe::ReadAndPackMeshFile(path);
   if (!file.ok()) return file.status();
   const voxelpipe::JobContext job;  // cancel, deadline, progress
-  const auto loaded = voxelpipe::LoadMeshFor(job, *file, {});
+  const auto loaded = voxelpipe::LoadMeshFor(job, file->bytes, {file->format});
   if (!loaded.ok()) return loaded.status();
   voxelpipe::VoxelizeRequest request;
   request.grid.resolution = 64;

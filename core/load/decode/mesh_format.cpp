@@ -92,4 +92,11 @@ absl::StatusOr<MeshFormat> DetectMeshFormat(const JobContext& job, std::span<con
   return format;
 }
 
+absl::StatusOr<MeshFormat> FormatToTell(const JobContext& job, std::span<const uint8_t> file,
+                                        std::string_view file_name) {
+  const absl::StatusOr<MeshFormat> shown = DetectMeshFormat(job, file);
+  if (!shown.ok()) return shown.status();
+  return *shown != MeshFormat::kAuto ? MeshFormat::kAuto : MeshFormatOfName(file_name).value_or(MeshFormat::kAuto);
+}
+
 }  // namespace voxelpipe

@@ -30,6 +30,11 @@ std::optional<MeshFormat> SniffMeshFormat(std::span<const uint8_t> bytes, uint64
 // than kSniffedBytes; kAuto if it is unknown. Errors: the job's, which is polled.
 absl::StatusOr<MeshFormat> DetectMeshFormat(const JobContext& job, std::span<const uint8_t> file);
 
+// What to tell a loader of a file: kAuto where DetectMeshFormat finds its format; else that of its name; kAuto if that
+// is unknown too. Errors: the job's, which is polled.
+absl::StatusOr<MeshFormat> FormatToTell(const JobContext& job, std::span<const uint8_t> file,
+                                        std::string_view file_name);
+
 // How the bytes of a mesh file are to be read.
 struct MeshFileType {
   MeshFileType(MeshFormat of = MeshFormat::kAuto,  // NOLINT(google-explicit-constructor): most have no unit

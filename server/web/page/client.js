@@ -5,6 +5,7 @@
 import {joined, Messages} from './messages.js';
 
 const SERVICE = '/voxelpipe.v1.VoxelizationService/';
+const INVALID_ARGUMENT = 3;
 const UNAUTHENTICATED = 16;
 const TRAILERS = 128;
 
@@ -12,6 +13,7 @@ export class CallError extends Error {
   constructor(code, message) {
     super(message);
     this.needsToken = code === UNAUTHENTICATED;
+    this.invalid = code === INVALID_ARGUMENT;
   }
 }
 

@@ -3,6 +3,8 @@ import {readFacts, Server} from './client.js';
 
 const $ = (id) => document.getElementById(id);
 const COLOURS = new Set(['base_color', 'emissive', 'color']);
+const FORMATS = new Map(['glb', 'gltf', 'stl', 'ply', 'off', 'obj', '3mf'].map((e) => [e, `MESH_FORMAT_${e.toUpperCase()}`]));
+FORMATS.set('drc', 'MESH_FORMAT_DRACO');
 const FRAGMENT = 2; // SHADER_STAGE_FRAGMENT
 const FACTS = await readFacts().catch((error) => {
   say(error);
@@ -13,6 +15,8 @@ const ESTIMATE_LIMIT_BYTES = 4 << 20; // larger meshes are sent for the result a
 
 let mesh = null; // Uint8Array
 let meshName = '';
+let named = undefined; // the format that the file's name tells
+let told = undefined; // the same, once the server has asked for it
 let shaders = new Map();
 let limits = null;
 let running = null; // AbortController
@@ -45,7 +49,24 @@ function configOf() {
   const size = Number($('size').value);
   const resolution = Math.max(0, Math.round(Number($('resolution').value)));
   const grid = bySize ? {voxel_size: {x: size, y: size, z: size}} : {resolution};
-  return {grid, targets, coverage: $('coverage').value, fill: $('fill').value};
+  return {grid, targets, coverage: $('coverage').value, fill: $('fill').value, mesh_format: told};
+}
+
+// Calls again, with the format that the file's name tells, where the content shows none. In: a call that takes its
+// config from configOf.
+async function withFormat(call) {
+  try {
+    return await call();
+  } catch (error) {
+    if (!error.invalid || told || !named) throw error;
+    told = named;
+    try {
+      return await call();
+    } catch (second) {
+      if (second.invalid) told = undefined;
+      throw second.invalid ? error : second;
+    }
+  }
 }
 
 async function connect() {
@@ -82,6 +103,8 @@ async function take(file) {
   }
   mesh = new Uint8Array(await file.arrayBuffer());
   meshName = file.name.replace(/\.[^.]*$/, '');
+  named = FORMATS.get(file.name.slice(meshName.length + 1).toLowerCase());
+  told = undefined;
   $('error').textContent = '';
   $('about').textContent = `${file.name}, ${bytesText(file.size)}`;
   estimate();
@@ -94,8 +117,8 @@ async function estimate() {
   if (!mesh || mesh.length > ESTIMATE_LIMIT_BYTES || running) return;
   const own = (estimating = new AbortController());
   try {
-    const {plan, mesh: report} =
-      await server.one('EstimateVoxelization', {config: configOf(), mesh_bytes: mesh}, own.signal);
+    const {plan, mesh: report} = await withFormat(
+      () => server.one('EstimateVoxelization', {config: configOf(), mesh_bytes: mesh}, own.signal));
     $('error').textContent = '';
     $('plan').textContent = `${report.triangles} triangles; ${dimsText(plan.grid.dims)} voxels, ` +
       `${bytesText(plan.result_bytes)} on ${plan.backend}`;
@@ -148,7 +171,7 @@ async function run(event) {
   event.preventDefault();
   if (!mesh || running) return;
   estimating?.abort();
-  const request = {config: configOf(), mesh};
+  let request = null;
   running = new AbortController();
   $('run').disabled = true;
   $('cancel').disabled = false;
@@ -158,7 +181,10 @@ async function run(event) {
   $('form').dataset.state = 'running';
   let state = 'failed';
   try {
-    for await (const answer of server.call('VoxelizeMesh', request, running.signal)) see(answer);
+    await withFormat(async () => {
+      request = {config: configOf(), mesh};
+      for await (const answer of server.call('VoxelizeMesh', request, running.signal)) see(answer);
+    });
     shown = request;
     $('result').hidden = false;
     await showVoxels(request, running.signal);

@@ -54,7 +54,7 @@ int Main(int argc, char** argv) {
   if (argc < 5) return std::fputs("service_client SERVER SERVER_PID MESH SECONDS [CA_FILE]\n", stderr), 2;
   const pid_t server = std::atoi(argv[2]);
   const double seconds = std::atof(argv[4]);
-  const absl::StatusOr<FileBytes> mesh = ReadAndPackMeshFile(argv[3]);
+  const absl::StatusOr<PackedMesh> mesh = ReadAndPackMeshFile(argv[3]);
   ConnectOptions options;
   if (argc > 5) options.tls = ClientTls{argv[5], "", "", ""};
   options.settings.content_hash = false;
@@ -62,7 +62,7 @@ int Main(int argc, char** argv) {
   options.settings.content_hash = true;
   const auto hashed = Client::Connect(argv[1], options);
   if (!mesh.ok() || !plain.ok() || !hashed.ok()) return std::fputs("service_client: no mesh or no server\n", stderr), 1;
-  const auto stored = (*plain)->UploadMesh(*mesh, MeshFormat::kAuto, JobContext());
+  const auto stored = (*plain)->UploadMesh(mesh->bytes, mesh->format, JobContext());
   if (!stored.ok()) return std::fputs("service_client: the mesh was refused\n", stderr), 1;
 
   const auto voxelize = [&](Client& client) {

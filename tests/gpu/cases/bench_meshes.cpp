@@ -73,8 +73,8 @@ TriangleMesh ShadedSphere(int64_t triangles, bool masked) {
 }  // namespace
 
 TriangleMesh LoadMeshOrExit(const std::string& path) {
-  absl::StatusOr<FileBytes> bytes = ReadAndPackMeshFile(path);
-  absl::StatusOr<Scene> scene = bytes.ok() ? LoadScene(*bytes) : bytes.status();
+  const absl::StatusOr<PackedMesh> file = ReadAndPackMeshFile(path);
+  absl::StatusOr<Scene> scene = file.ok() ? LoadScene(file->bytes, file->format) : file.status();
   absl::StatusOr<TriangleMesh> mesh = scene.ok() ? Flatten(*scene) : scene.status();
   const absl::Status status = mesh.ok() ? PrepareTextures(*mesh) : mesh.status();
   if (!status.ok()) {

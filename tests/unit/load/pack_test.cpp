@@ -45,7 +45,9 @@ class PackTest : public ::testing::Test {
 
   absl::StatusOr<FileBytes> Pack(const std::string& gltf) {
     Write("model/m.gltf", gltf);
-    return ReadAndPackMeshFile((root_ / "model" / "m.gltf").string());
+    absl::StatusOr<PackedMesh> packed = ReadAndPackMeshFile((root_ / "model" / "m.gltf").string());
+    if (!packed.ok()) return packed.status();
+    return std::move(packed->bytes);
   }
 
   uint64_t Triangles(std::span<const uint8_t> bytes) {
@@ -148,7 +150,7 @@ TEST_F(PackTest, FilesOutsideAreReadWhereTheyAreAllowed) {
     EXPECT_THAT(std::string(refused.message()), HasSubstr((fs::canonical(root_) / "outside.bin").string())) << refused;
     const auto packed = ReadAndPackMeshFile(path, {}, nullptr, {true, {}});
     ASSERT_TRUE(packed.ok()) << packed.status();
-    EXPECT_EQ(Triangles(*packed), 1u);
+    EXPECT_EQ(Triangles(packed->bytes), 1u);
   }
 }
 
@@ -172,7 +174,7 @@ TEST_F(PackTest, AnImageOutsideIsRefusedByNameIfItIsWantedAndNeverWhite) {
     outside.wanted = {true, false, true};  // no shader reads it
     EXPECT_TRUE(ReadAndPackMeshFile(path, {}, nullptr, outside).ok());
     outside.allowed = true;
-    const auto scene = LoadScene(*ReadAndPackMeshFile(path, {}, nullptr, outside));
+    const auto scene = LoadScene(ReadAndPackMeshFile(path, {}, nullptr, outside)->bytes);
     ASSERT_TRUE(scene.ok()) << scene.status();
     EXPECT_EQ(scene->images[0]->encoded.size(), 14u);
   }
@@ -238,6 +240,21 @@ TEST_F(PackTest, WhatIsNoGltfGoesToTheLoaderAsItIs) {
     EXPECT_EQ(packed->size(), text.size());
     EXPECT_FALSE(LoadScene(*packed).ok());
   }
+}
+
+TEST_F(PackTest, TheNameTellsTheFormatWhereTheContentDoesNot) {
+  const std::string off = "3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+  const auto packed = [&](const std::string& name, const std::string& text) {
+    Write(name, text);
+    return ReadAndPackMeshFile((root_ / name).string());
+  };
+  const auto bare = packed("bare.off", off);
+  ASSERT_TRUE(bare.ok()) << bare.status();
+  EXPECT_EQ(bare->format, MeshFormat::kOff);
+  EXPECT_EQ(CountTriangles(*LoadScene(bare->bytes, bare->format)), 1u);
+  EXPECT_EQ(packed("whole.off", "OFF\n" + off)->format, MeshFormat::kAuto);
+  EXPECT_EQ(packed("wrong.stl", "OFF\n" + off)->format, MeshFormat::kAuto) << "the content decides";
+  EXPECT_EQ(packed("bare.txt", off)->format, MeshFormat::kAuto);
 }
 
 TEST_F(PackTest, SizeLimit) {

@@ -140,9 +140,9 @@ class PackObjTest : public ::testing::Test {
   }
   std::string Pack(const std::string& text, const OutsideFiles& outside = {}) {
     Write("model/a.obj", text);
-    const absl::StatusOr<FileBytes> packed =
-        ReadAndPackMeshFile((root_ / "model/a.obj").string(), {}, nullptr, outside);
-    return packed.ok() ? std::string(packed->begin(), packed->end()) : std::string(packed.status().message());
+    const auto packed = ReadAndPackMeshFile((root_ / "model/a.obj").string(), {}, nullptr, outside);
+    return packed.ok() ? std::string(packed->bytes.begin(), packed->bytes.end())
+                       : std::string(packed.status().message());
   }
   const testing::TemporaryDirectory directory_;
   const fs::path root_ = directory_.path();
