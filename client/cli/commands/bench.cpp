@@ -81,7 +81,7 @@ int Bench(BenchArguments& arguments) {
   absl::Status status = request.status();
   if (status.ok()) status = CheckOptions(arguments);
   if (status.ok()) status = CheckServerOption(plan.servers.front());
-  if (status.ok() && IsStandardStream(arguments.mesh)) status = CheckStandardInput();
+  if (status.ok()) status = CheckInputStream({arguments.mesh});
   if (!status.ok()) {
     PrintError("", status);
     return 2;

@@ -15,8 +15,10 @@
 #include "mesh/contents.h"
 #include "mesh/health/health.h"
 #include "mesh/report.h"
+#include "options/input_list.h"
 #include "options/mesh_flags.h"
 #include "options/missing_file.h"
+#include "options/request_flags.h"
 #include "options/standard_streams.h"
 #include "pipeline/warnings.h"
 
@@ -24,8 +26,9 @@ namespace voxelpipe::cli {
 namespace {
 
 struct InfoArguments {
-  std::string path, server;
-  bool json = false;
+  std::vector<std::string> inputs;
+  std::string server;
+  bool recursive = false, json = false;
   MeshFlags mesh;
 };
 
@@ -101,9 +104,8 @@ Lines InfoTable(const std::string& path, const MeshFacts& facts) {
   return table;
 }
 
-absl::Status Print(const InfoArguments& arguments, const MeshFacts& facts) {
-  return arguments.json ? PrintLine(JsonText(InfoJson(arguments.path, facts)))
-                        : PrintLines(InfoTable(arguments.path, facts));
+absl::Status Print(const std::string& path, const MeshFacts& facts, bool json) {
+  return json ? PrintLine(JsonText(InfoJson(path, facts))) : PrintLines(InfoTable(path, facts));
 }
 
 absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const MeshReading& reading, const JobContext& job) {
@@ -127,7 +129,7 @@ absl::StatusOr<MeshFacts> LocalFacts(const std::string& path, const MeshReading&
                    *health};
 }
 
-absl::Status Info(const InfoArguments& arguments) {
+absl::Status InfoOf(const std::string& path, const InfoArguments& arguments) {
   JobContext job;
   const CancelOnInterrupt cancel(job);
   try {
@@ -135,13 +137,12 @@ absl::Status Info(const InfoArguments& arguments) {
     if (!type.ok()) return type.status();
     // Textures are not read, but reported.
     const MeshReading reading{{arguments.mesh.allow_outside, TextureUse{}}, *type};
-    const absl::StatusOr<MeshFacts> facts = arguments.server.empty()
-                                                ? LocalFacts(arguments.path, reading, job)
-                                                : RemoteFacts(arguments.server, arguments.path, reading, job);
+    const absl::StatusOr<MeshFacts> facts =
+        arguments.server.empty() ? LocalFacts(path, reading, job) : RemoteFacts(arguments.server, path, reading, job);
     if (absl::IsNotFound(facts.status())) {
-      return absl::NotFoundError(absl::StrCat(std::string(facts.status().message()), MissingFileHint(arguments.path)));
+      return absl::NotFoundError(absl::StrCat(std::string(facts.status().message()), MissingFileHint(path)));
     }
-    return facts.ok() ? Print(arguments, *facts) : facts.status();
+    return facts.ok() ? Print(path, *facts, arguments.json) : facts.status();
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory");
   } catch (const std::exception& error) {
@@ -149,42 +150,50 @@ absl::Status Info(const InfoArguments& arguments) {
   }
 }
 
+// Out: the exit code. Goes on after a file that cannot be described.
+int Info(const InfoArguments& arguments) {
+  const auto wrong_option = [](const absl::Status& status) {
+    PrintError("", status);
+    return 2;
+  };
+  if (const absl::Status status = CheckServerOption(arguments.server); !status.ok()) return wrong_option(status);
+  const absl::StatusOr<InputList> inputs = ExpandInputs(arguments.inputs, arguments.recursive);
+  if (!inputs.ok()) return wrong_option(inputs.status());
+  if (absl::Status s = CheckInputStream(arguments.inputs); !s.ok()) return wrong_option(s);
+  int exit_code = 0;
+  for (const InputFile& input : inputs->files) {
+    const absl::Status status = InfoOf(input.path, arguments);
+    if (const int signal = InterruptSignal(); signal != 0) {
+      PrintError(InputName(input.path), absl::CancelledError(StoppedReason(signal)));
+      return StoppedExitCode(signal);
+    }
+    if (status.ok()) continue;
+    PrintError(InputName(input.path), status);
+    exit_code = 1;
+  }
+  return exit_code;
+}
+
 }  // namespace
 
 void AddInfoCommand(Command& app, int& exit_code) {
   auto arguments = std::make_shared<InfoArguments>();
-  Command command = app.AddCommand("info", "Describe a mesh file: contents, health, and the fill that suits it");
+  Command command = app.AddCommand("info", "Describe mesh files: contents, health, and the fill that suits them");
   command
-      .AddOption("FILE", arguments->path,
-                 "Mesh file: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input")
+      .AddOption("IN", arguments->inputs,
+                 Wrapped("Mesh files: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input. Also "
+                         "directories and patterns, as of voxelize"))
       .Required()
       .Type("");
+  command.AddFlag("--recursive", arguments->recursive, "Also the meshes in the directories below those of IN");
   command
       .AddOption("--server", arguments->server,
-                 "Let this server inspect the file; the health is checked without it only")
+                 "Let this server inspect the files; the health is checked without it only")
       .Type("HOST:PORT")
       .Check(RefuseEmpty);
-  command.AddFlag("--json", arguments->json, "Print one JSON object");
+  command.AddFlag("--json", arguments->json, "Print one JSON object a file, one a line");
   AddMeshFlags(command, arguments->mesh);
-  command.SetCallback([arguments, &exit_code] {
-    if (const absl::Status status = CheckServerOption(arguments->server); !status.ok()) {
-      PrintError("", status);
-      exit_code = 2;
-      return;
-    }
-    if (IsStandardStream(arguments->path)) {
-      if (const absl::Status status = CheckStandardInput(); !status.ok()) {
-        PrintError("", status);
-        exit_code = 2;
-        return;
-      }
-    }
-    const absl::Status status = Info(*arguments);
-    if (status.ok()) return;
-    const int signal = InterruptSignal();
-    PrintError(InputName(arguments->path), signal != 0 ? absl::CancelledError(StoppedReason(signal)) : status);
-    exit_code = signal != 0 ? StoppedExitCode(signal) : 1;
-  });
+  command.SetCallback([arguments, &exit_code] { exit_code = Info(*arguments); });
 }
 
 }  // namespace voxelpipe::cli

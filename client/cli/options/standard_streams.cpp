@@ -14,8 +14,10 @@ std::string InputName(const std::string& path) {
   return IsStandardStream(path) ? "standard input" : path;
 }
 
-absl::Status CheckStandardInput() {
-  if (isatty(STDIN_FILENO) != 1) return absl::OkStatus();
+absl::Status CheckInputStream(const std::vector<std::string>& inputs) {
+  const auto streams = std::count_if(inputs.begin(), inputs.end(), &IsStandardStream);
+  if (streams > 1) return absl::InvalidArgumentError("'-' is standard input, which holds one mesh; give it once");
+  if (streams == 0 || isatty(STDIN_FILENO) != 1) return absl::OkStatus();
   return absl::InvalidArgumentError(
       "'-' reads the mesh from standard input, which is a terminal; redirect it: '- < mesh.glb', or name the file");
 }

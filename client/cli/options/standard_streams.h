@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -18,8 +19,9 @@ inline bool IsStandardStream(const std::string& path) {
 // The name of an input in messages: "standard input" for "-", otherwise the path.
 std::string InputName(const std::string& path);
 
-// INVALID_ARGUMENT, with what to type, if standard input (standard output) is a terminal.
-absl::Status CheckStandardInput();
+// INVALID_ARGUMENT, with what to type, if "-" is among the inputs more than once, or standard input (standard output)
+// is a terminal.
+absl::Status CheckInputStream(const std::vector<std::string>& inputs);
 absl::Status CheckStandardOutput();
 
 // All of standard input, at most `max_bytes`. `job` is polled while nothing arrives. Errors: RESOURCE_EXHAUSTED past

@@ -63,6 +63,24 @@ TEST_F(CliInfo, TheTableHasTheSameFacts) {
   }
 }
 
+TEST_F(CliInfo, SeveralFilesAndDirectoriesAreDescribedOneByOne) {
+  std::filesystem::create_directories(directory_ / "more/deep");
+  WriteBoxGlb(directory_ / "more/a.glb", 1, 1, 1);
+  WriteBoxGlb(directory_ / "more/deep/b.glb", 1, 1, 1);
+  std::ofstream(directory_ / "broken.stl") << "solid\nvertex 1\n";
+  const CliOutcome outcome = RunCli({"info", box_, directory_ / "broken.stl", directory_ / "more", "--json"});
+  EXPECT_EQ(outcome.exit_code, 1) << "one is broken";
+  EXPECT_THAT(outcome.err, HasSubstr("broken.stl: "));
+  ASSERT_EQ(LineCount(outcome.out), 2u);
+  const size_t end = outcome.out.find('\n');
+  EXPECT_EQ(ParseJson(outcome.out.substr(0, end))["input"], box_);
+  EXPECT_EQ(ParseJson(outcome.out.substr(end + 1))["input"], std::string(directory_ / "more/a.glb"));
+  EXPECT_EQ(LineCount(RunCli({"info", directory_ / "more", "--recursive", "--json"}).out), 2u);
+  EXPECT_EQ(RunCli({"info", "-", "-"}).exit_code, 2);
+  std::filesystem::create_directories(directory_ / "none");
+  EXPECT_EQ(RunCli({"info", directory_ / "none"}).exit_code, 2);
+}
+
 TEST_F(CliInfo, AHoleOpensTheMesh) {
   Replace<uint16_t>(2, 3);  // the last corner of the last triangle, which becomes degenerate
   const CliOutcome outcome = RunCli({"info", box_, "--json"});
