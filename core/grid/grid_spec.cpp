@@ -31,7 +31,7 @@ absl::Status Invalid(const std::string& field, const std::string& why) {
 }
 
 absl::Status CheckRequest(const GridRequest& request) {
-  if (!request.voxel_size) {
+  if (!request.voxel_size && !request.dims) {
     if (request.resolution < 1) return Invalid("resolution", "must be at least 1");
     if (request.resolution > kMaxGridDim) {
       return absl::ResourceExhaustedError(
@@ -45,14 +45,20 @@ absl::Status CheckRequest(const GridRequest& request) {
       if (!FinitePositive((*request.voxel_size)[a])) return Invalid("voxel_size", "must be finite and positive");
     }
   }
-  if (request.dims.has_value() != request.origin.has_value()) {
-    return Invalid("dims", "dims and origin are given together or not at all");
-  }
   if (request.dims) {
-    if (!request.voxel_size) return Invalid("voxel_size", "a grid given by dims and origin needs a voxel size");
     for (const int64_t dim : *request.dims) {
       if (dim < 1) return Invalid("dims", "every axis needs at least 1 voxel");
     }
+    if (request.origin && !request.voxel_size) {
+      return Invalid("voxel_size", "a grid given by dims and origin needs a voxel size");
+    }
+    if (request.voxel_size && !request.origin) {
+      return Invalid("origin",
+                     "a grid given by dims and a voxel size needs an origin; dims alone are fitted to the mesh");
+    }
+  }
+  if (request.origin) {
+    if (!request.dims) return Invalid("dims", "an origin is given together with dims and a voxel size");
     for (int a = 0; a < 3; ++a) {
       if (!std::isfinite((*request.origin)[a])) return Invalid("origin", "must be finite");
     }
@@ -101,6 +107,20 @@ absl::StatusOr<GridSpec> FinishFitted(const GridSpec& fitted, int64_t padding, c
   return grid;
 }
 
+// Places the grid, whose dims are set, around the box: cubic voxels, as small as the box allows; other axes centred.
+void Center(const Box3d& box, const Vec3d& extent, GridSpec& grid) {
+  int full = 0;  // the axis that the box fills
+  for (int a = 1; a < 3; ++a) {
+    if (extent[a] / double(grid.dims[a]) > extent[full] / double(grid.dims[full])) full = a;
+  }
+  const double h = extent[full] / double(grid.dims[full]);
+  grid.voxel_size = {h, h, h};
+  for (int a = 0; a < 3; ++a) {
+    const double room = extent[full] * (double(grid.dims[a]) / double(grid.dims[full]));
+    grid.origin[a] = box.min[a] - (room - extent[a]) / 2;
+  }
+}
+
 }  // namespace
 
 Mat4d GridSpec::index_to_world() const {
@@ -115,16 +135,17 @@ Mat4d GridSpec::index_to_world() const {
 absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box) {
   if (absl::Status s = CheckRequest(request); !s.ok()) return s;
   GridSpec grid;
-  if (request.dims) {
+  if (request.given()) {
     grid.dims = *request.dims;
     grid.origin = *request.origin;
     grid.voxel_size = *request.voxel_size;
     return Finish(grid, request.padding);
   }
   const int64_t n = request.resolution;
-  const bool cube = request.fit == GridFit::kCube && !request.voxel_size;
-  if (box.empty && cube) {
-    grid.dims = {n, n, n};
+  std::optional<std::array<int64_t, 3>> dims = request.dims;  // of a grid in which the box is centred
+  if (!dims && !request.voxel_size && request.fit == GridFit::kCube) dims = {n, n, n};
+  if (box.empty && dims) {
+    grid.dims = *dims;
     return Finish(grid, request.padding);
   }
   if (box.empty) {  // no triangles: one clear voxel around the origin
@@ -143,21 +164,20 @@ absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box) {
     }
     return FinishFitted(grid, request.padding, box);
   }
+  if (dims) grid.dims = *dims;
   if (longest == 0) {
-    if (cube) grid.dims = {n, n, n};
     for (int a = 0; a < 3; ++a) grid.origin[a] = box.min[a] - (double(grid.dims[a] / 2) + 0.5);
     return Finish(grid, request.padding);
   }
+  if (dims) {
+    Center(box, extent, grid);
+    return FinishFitted(grid, request.padding, box);
+  }
   const double h = longest / double(n);
   grid.voxel_size = {h, h, h};
+  grid.origin = box.min;
   for (int a = 0; a < 3; ++a) {
-    if (cube) {
-      grid.dims[a] = n;
-      grid.origin[a] = box.min[a] - (longest - extent[a]) / 2;
-    } else {
-      grid.dims[a] = extent[a] == longest ? n : CeilToDim(extent[a] / longest * double(n), SlackOf(box, a, h));
-      grid.origin[a] = box.min[a];
-    }
+    grid.dims[a] = extent[a] == longest ? n : CeilToDim(extent[a] / longest * double(n), SlackOf(box, a, h));
   }
   return FinishFitted(grid, request.padding, box);
 }

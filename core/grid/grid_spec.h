@@ -36,9 +36,10 @@ struct GridSpec {
 
 enum class GridFit : uint8_t { kTight, kCube };
 
-// The grid as a request gives it. Exactly one of three forms:
+// The grid as a request gives it. Exactly one of four forms:
 //   resolution                       N voxels along the longest extent, placed by `fit` (the default, 128)
 //   voxel_size                       origin at the box's minimum, as many voxels as it needs
+//   dims                             so many voxels, in which the box is centred
 //   voxel_size + dims + origin       the grid itself
 struct GridRequest {
   int64_t resolution = 128;
@@ -47,6 +48,9 @@ struct GridRequest {
   std::optional<std::array<int64_t, 3>> dims;
   std::optional<Vec3d> origin;
   int64_t padding = 0;  // voxels on every side; dims + 2P, origin - P*h
+
+  // True if the request gives the grid itself, whatever the mesh.
+  bool given() const { return dims && origin && voxel_size; }
 };
 
 struct Box3d {
@@ -57,14 +61,14 @@ struct Box3d {
 inline constexpr int64_t kMaxGridDim = int64_t{1} << 20;  // voxels an axis
 
 // In: a request and the box of the vertices that triangles use, after the vertex shader, in world units.
-// Out: the grid. `tight` gives axes of the longest extent L exactly N
-// voxels, h = L/N, the others max(1, ceil(extent/L*N - slack)). `cube` gives N x N x N for every mesh and centres the
-// shorter axes. L = 0: one voxel of size 1 centred on the point or, with `cube`, N x N x N of them, of which voxel
-// floor(N/2) an axis is; an empty box: one around 0, with `cube` N x N x N from 0 on. The slack is the bound of the
-// float32 rounding error, in voxels: max(1e-9, min(4e-4, 2^-22 * max(|min|, |max|) / h)) of each axis. Points beyond
-// the last voxel by at most the slack count as lying on its far side (IndexSpace). Errors: INVALID_ARGUMENT naming the
-// field (resolution < 1, voxel_size not finite or <= 0, dims without origin, ...); RESOURCE_EXHAUSTED for a grid beyond
-// kMaxGridDim an axis or 2^53 voxels.
+// Out: the grid. `tight` gives axes of the longest extent L exactly N voxels, h = L/N, the others
+// max(1, ceil(extent/L*N - slack)). `dims` alone gives cubic voxels of h = max(extent/dim) and centres the box; `cube`
+// is N x N x N of them. L = 0: one voxel of size 1 centred on the point or, with `dims` or `cube`, so many, of which
+// voxel floor(dim/2) an axis is; an empty box: one around 0, with `dims` or `cube` so many from 0 on. The slack is the
+// bound of the float32 rounding error, in voxels: max(1e-9, min(4e-4, 2^-22 * max(|min|, |max|) / h)) of each axis.
+// Points beyond the last voxel by at most the slack count as lying on its far side (IndexSpace). Errors:
+// INVALID_ARGUMENT naming the field (resolution < 1, voxel_size not finite or <= 0, origin without dims, ...);
+// RESOURCE_EXHAUSTED for a grid beyond kMaxGridDim an axis or 2^53 voxels.
 absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box);
 
 }  // namespace voxelpipe

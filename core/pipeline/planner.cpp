@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
 #include "base/limit_error.h"
 #include "base/text.h"
 #include "pipeline/plan/footprint.h"
@@ -31,16 +32,22 @@ class FittingGrid {
     if (measured != nullptr) known_.emplace(Known{grid, *measured});
   }
 
-  // The largest resolution below the one that was asked for, 0 if none fits.
+  // The largest resolution below the one that was asked for, 0 if none fits. Of `dims`: that of the longest axis.
   int64_t LargestResolution() {
     // Lists are estimated anew for each grid: there the answer is exact to a hundredth.
     const bool dense = input_.request.result == ResultKind::kDense;
     const auto near = [dense](int64_t resolution) { return dense ? 1 : std::max<int64_t>(1, resolution / 100); };
-    return Finest(std::min(input_.request.grid.resolution, kMaxGridDim), near, [this](int64_t resolution) {
-      GridRequest grid = input_.request.grid;
-      grid.resolution = resolution;
-      return grid;
-    });
+    return Finest(std::min(Longest(), kMaxGridDim), near, [this](int64_t resolution) { return At(resolution); });
+  }
+
+  // The request with this resolution; of `dims`, in their proportions.
+  GridRequest At(int64_t resolution) const {
+    GridRequest grid = input_.request.grid;
+    grid.resolution = resolution;
+    if (!grid.dims) return grid;
+    const double share = double(resolution) / double(Longest());
+    for (int64_t& dim : *grid.dims) dim = std::max<int64_t>(1, int64_t(double(dim) * share));
+    return grid;
   }
 
   // The grid request with the finest voxels of at least the size that was asked for, within a hundredth or so; none
@@ -56,6 +63,11 @@ class FittingGrid {
   const absl::Status& stopped() const { return stopped_; }
 
  private:
+  int64_t Longest() const {
+    const GridRequest& grid = input_.request.grid;
+    return grid.dims ? *std::max_element(grid.dims->begin(), grid.dims->end()) : grid.resolution;
+  }
+
   struct Known {
     GridSpec grid;
     Surface surface;
@@ -162,8 +174,10 @@ absl::Status GridTooLarge(const PlanInput& input, const GridSpec& grid, const Su
   std::string hint;
   if (!request.grid.voxel_size) {
     error.largest_resolution = fitting.LargestResolution();
-    hint = error.largest_resolution > 0 ? absl::StrCat("the largest resolution that fits is ", error.largest_resolution)
-                                        : "no resolution fits";
+    const GridRequest largest = fitting.At(error.largest_resolution);
+    hint = error.largest_resolution == 0 ? "no resolution fits"
+           : largest.dims ? absl::StrCat("the largest dims that fit are ", absl::StrJoin(*largest.dims, ","))
+                          : absl::StrCat("the largest resolution that fits is ", largest.resolution);
   } else if (const std::optional<GridRequest> finest = fitting.FinestVoxels()) {
     error.smallest_voxel_size = *finest->voxel_size;
     hint = absl::StrCat("the smallest voxel size that fits is ", Three(*finest->voxel_size));

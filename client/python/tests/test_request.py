@@ -28,6 +28,7 @@ from . import shapes
         ),
         ("f32x3:replace:shader=normal", Target("f32", 3, "replace", Shader("normal"))),
         ("u8:max:shader=base_color,encoding=srgb", Target("u8", None, "max", Shader("base_color"), encoding="srgb")),
+        ("normal:u8:encoding=snorm", Target("u8", shader=Shader("normal"), encoding="snorm")),
         ("constant:f32x3:value=0.5/0.2/1", Target("f32", 3, shader=Shader("constant", {"value": [0.5, 0.2, 1.0]}))),
         (
             "f32:add:clear=-1,fill=0/0.5/1,quantum=0.5",
@@ -54,7 +55,9 @@ def test_wrong_targets_are_named(text: str) -> None:
         ({"resolution": 8, "voxel_size": 0.1}, "resolution"),
         ({"resolution": 0}, "resolution"),
         ({"resolution": 1.5}, "resolution"),
-        ({"dims": (1, 2, 3)}, "origin"),
+        ({"dims": (1, 2, 3), "resolution": 8}, "resolution"),
+        ({"dims": (1, 2, 3), "voxel_size": 1}, "origin"),
+        ({"dims": (1, 2, 0)}, "dims"),
         ({"origin": (1, 2, 3)}, "dims"),
         ({"dims": (1, 2, 3), "origin": (0, 0, 0)}, "voxel_size"),
         ({"dims": (1, 2), "origin": (0, 0, 0), "voxel_size": 1}, "dims"),

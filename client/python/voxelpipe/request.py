@@ -110,33 +110,35 @@ def _grid(
         if not isinstance(place, GridPlace):
             raise InvalidRequest(f"like: {like!r} is neither a VoxelGrid nor a GridPlace", field="like")
         voxel_size, dims, origin = place.voxel_size, place.dims, place.origin_corner
-    if resolution is not None and voxel_size is not None:
-        raise InvalidRequest("resolution: cannot be given together with voxel_size", field="resolution")
-    if (dims is None) != (origin is None):
-        missing = "origin" if origin is None else "dims"
-        raise InvalidRequest(f"{missing}: dims and origin are given together", field=missing)
-    if dims is not None and voxel_size is None:
-        raise InvalidRequest("voxel_size: is needed with dims and origin", field="voxel_size")
+    if resolution is not None and (voxel_size is not None or dims is not None):
+        other = "voxel_size" if voxel_size is not None else "dims"
+        raise InvalidRequest(f"resolution: cannot be given together with {other}", field="resolution")
+    if origin is not None and dims is None:
+        raise InvalidRequest("dims: are needed with origin", field="dims")
+    if dims is not None and (origin is None) != (voxel_size is None):
+        missing, given = ("origin", "voxel_size") if origin is None else ("voxel_size", "origin")
+        raise InvalidRequest(f"{missing}: is needed with dims and {given}; dims alone fit the mesh", field=missing)
     if _whole(padding, "padding") < 0:
         raise InvalidRequest(f"padding: {padding!r} is below 0", field="padding")
     grid = types.GridRequest(padding=_whole(padding, "padding"))
     grid.fit = _choice(types.GridFit, "GRID_FIT", fit, names.Fit, "fit")
-    if voxel_size is None:
-        grid.resolution = _whole(_DEFAULT_RESOLUTION if resolution is None else resolution, "resolution")
-        if grid.resolution < 1:
-            raise InvalidRequest(f"resolution: {grid.resolution} is below 1", field="resolution")
-        return grid
-    x, y, z = _per_axis(voxel_size, "voxel_size")
-    if min(x, y, z) <= 0:
-        raise InvalidRequest(f"voxel_size: {voxel_size!r} is not above 0", field="voxel_size")
-    grid.voxel_size.CopyFrom(types.Vec3(x=x, y=y, z=z))
-    if dims is not None and origin is not None:
+    if dims is not None:
         if not hasattr(dims, "__len__") or len(dims) != 3:
             raise InvalidRequest(f"dims: {dims!r} are not three numbers: x, y, z", field="dims")
         sizes = [_whole(axis, "dims") for axis in dims]
         if min(sizes) < 1:
             raise InvalidRequest(f"dims: {dims!r} are not above 0", field="dims")
         grid.dims.CopyFrom(types.Dims(x=sizes[0], y=sizes[1], z=sizes[2]))
+    elif voxel_size is None:
+        grid.resolution = _whole(_DEFAULT_RESOLUTION if resolution is None else resolution, "resolution")
+        if grid.resolution < 1:
+            raise InvalidRequest(f"resolution: {grid.resolution} is below 1", field="resolution")
+    if voxel_size is not None:
+        x, y, z = _per_axis(voxel_size, "voxel_size")
+        if min(x, y, z) <= 0:
+            raise InvalidRequest(f"voxel_size: {voxel_size!r} is not above 0", field="voxel_size")
+        grid.voxel_size.CopyFrom(types.Vec3(x=x, y=y, z=z))
+    if origin is not None:
         x, y, z = _per_axis(origin, "origin")
         grid.origin.CopyFrom(types.Vec3(x=x, y=y, z=z))
     return grid

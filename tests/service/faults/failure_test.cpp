@@ -226,6 +226,7 @@ TEST_F(FailureTest, WhatTheRequestNamesWrongly) {
   EXPECT_STATUS(Ask(glb_, request), kInvalidArgument, "resolution");
   request = SmallRequest();
   request.grid.dims = {4, 4, 4};
+  request.grid.voxel_size = Vec3d{1, 1, 1};
   EXPECT_STATUS(Ask(glb_, request), kInvalidArgument, "origin");
   request = SmallRequest();
   request.targets.assign(9, TargetSpec{});

@@ -57,7 +57,7 @@ TEST_F(CliOptions, WrongOptionsExitWith2AndOneLine) {
       {"--resolution", "8", "--resolution", "9"},
       {"--resolution", "8", "--voxel-size", "1"},
       {"--voxel-size", "-1"},
-      {"--dims", "4,4,4"},
+      {"--dims", "4,4,4", "--voxel-size", "1"},
       {"--fit", "loose"},
       {"--padding", "-1"},
       {"--coverage", "fat"},

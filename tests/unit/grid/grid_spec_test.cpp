@@ -146,6 +146,32 @@ TEST(GridSpecTest, CubesAreAsLargeForAPointAndForNothing) {
   EXPECT_EQ(Fit(request, BoxOf({0, 0, 0}, {0, 0, 0})).dims, (std::array<int64_t, 3>{5, 5, 5})) << "no resolution";
 }
 
+TEST(GridSpecTest, DimsAloneCentreTheBoxInCubicVoxels) {
+  GridRequest request;
+  request.dims = {8, 10, 4};
+  const GridSpec grid = Fit(request, BoxOf({1, 0, 0}, {3, 2, 2}));  // z fills its 4 voxels
+  EXPECT_EQ(grid.dims, (std::array<int64_t, 3>{8, 10, 4}));
+  EXPECT_EQ(grid.voxel_size, (Vec3d{0.5, 0.5, 0.5}));
+  EXPECT_EQ(grid.origin, (Vec3d{0, -1.5, 0}));
+  request.padding = 1;
+  EXPECT_EQ(Fit(request, BoxOf({1, 0, 0}, {3, 2, 2})).dims, (std::array<int64_t, 3>{10, 12, 6}));
+  EXPECT_EQ(Fit(request, BoxOf({1, 0, 0}, {3, 2, 2})).origin, (Vec3d{-0.5, -2, -0.5}));
+  request.padding = 0;
+  EXPECT_EQ(Fit(request, BoxOf({1, 2, 3}, {1, 2, 3})).origin, (Vec3d{1 - 4.5, 2 - 5.5, 3 - 2.5})) << "a point";
+  EXPECT_EQ(Fit(request, Box3d{}).dims, (std::array<int64_t, 3>{8, 10, 4})) << "no triangles";
+  EXPECT_EQ(Fit(request, Box3d{}).origin, (Vec3d{0, 0, 0}));
+  // N x N x N is a cube, to the last bit.
+  const Box3d odd = BoxOf({-0.1, 0.3, 1e-3}, {0.7, 0.9, 1.7e-2});
+  for (const int64_t n : {1, 7, 30, 129}) {
+    GridRequest cube;
+    cube.resolution = n;
+    cube.fit = GridFit::kCube;
+    request.dims = {n, n, n};
+    EXPECT_EQ(Fit(request, odd), Fit(cube, odd)) << n;
+    EXPECT_EQ(Fit(request, odd).voxel_size.x, (odd.max.x - odd.min.x) / double(n)) << n;
+  }
+}
+
 TEST(GridSpecTest, IndexToWorldMapsVoxelCentres) {
   GridSpec grid;
   grid.origin = {1, 2, 3};
@@ -171,7 +197,9 @@ TEST(GridSpecTest, RefusesWhatIsNoGrid) {
   EXPECT_EQ(code([&](auto& r) { r.voxel_size = Vec3d{nan, 1, 1}; }), kInvalidArgument);
   EXPECT_EQ(code([](auto& r) { r.voxel_size = Vec3d{1, 0, 1}; }), kInvalidArgument);
   EXPECT_EQ(code([](auto& r) { r.voxel_size = Vec3d{1e-300, 1, 1}; }), kResourceExhausted);
-  EXPECT_EQ(code([](auto& r) { r.dims = {1, 1, 1}; }), kInvalidArgument);
+  EXPECT_EQ(code([](auto& r) { r.dims = {1, 1, 1}, r.resolution = 0; }), kOk) << "it is not used";
+  EXPECT_EQ(code([](auto& r) { r.dims = {1, 0, 1}; }), kInvalidArgument);
+  EXPECT_EQ(code([](auto& r) { r.dims = {1, 1, 1}, r.voxel_size = Vec3d{1, 1, 1}; }), kInvalidArgument);
   EXPECT_EQ(code([](auto& r) { r.origin = Vec3d{}; }), kInvalidArgument);
   EXPECT_EQ(code([](auto& r) {
               r.dims = {1, 0, 1};

@@ -93,6 +93,10 @@ TEST(VoxelizeTest, RefusesWhatDoesNotFitAndSaysWhatWould) {
   EXPECT_TRUE(RunError(Cube(1), request, limits).ok());
   request.grid.resolution = 21;
   EXPECT_FALSE(RunError(Cube(1), request, limits).ok());
+  request.grid.dims = {400, 200, 100};
+  EXPECT_THAT(Message(RunError(Cube(1), request, limits)), HasSubstr("the largest dims that fit are 40,20,10"));
+  request.grid.dims = {40, 20, 10};
+  EXPECT_TRUE(RunError(Cube(1), request, limits).ok());
 }
 
 TEST(VoxelizeTest, ARefusalForMemorySaysWhichLimitItIsAndWhereItComesFrom) {

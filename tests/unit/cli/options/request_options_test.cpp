@@ -64,7 +64,10 @@ TEST(BuildRequest, TakesAGridThatIsGiven) {
 
 TEST(BuildRequest, RefusesOptionsThatExcludeOneAnother) {
   EXPECT_THAT(Error({.resolution = 5, .voxel_size = "1"}), HasSubstr("exclude"));
-  EXPECT_THAT(Error({.dims = "1,1,1"}), HasSubstr("all three"));
+  EXPECT_EQ(BuildRequest({.dims = "1,2,3"})->grid.dims, (std::array<int64_t, 3>{1, 2, 3})) << "fitted";
+  EXPECT_THAT(Error({.resolution = 4, .dims = "1,1,1"}), HasSubstr("--resolution and --dims"));
+  EXPECT_THAT(Error({.dims = "1,1,1", .fit = "cube"}), HasSubstr("not with --dims"));
+  EXPECT_THAT(Error({.origin = "1,1,1"}), HasSubstr("all three"));
   EXPECT_THAT(Error({.voxel_size = "1", .dims = "1,1,1"}), HasSubstr("all three"));
   EXPECT_THAT(Error({.dims = "1,1,1", .origin = "0,0,0"}), HasSubstr("all three"));
   EXPECT_THAT(Error({.origin = "0,0,0"}), HasSubstr("all three"));
