@@ -43,7 +43,7 @@ std::string DescribeRaw(const ResultHeader& header, const std::vector<std::strin
     json["targets"].push_back({{"file", std::filesystem::path(files[i]).filename().string()},
                                {"format", std::string(Name(spec.format))},
                                {"components", spec.components},
-                               {"encoding", spec.encoding == Encoding::kSrgb ? "srgb" : "linear"},
+                               {"encoding", std::string(Name(spec.encoding))},
                                {"blend", std::string(Name(spec.blend))},
                                {"shader", spec.shader.name},
                                {"dtype", array.type == ElementType::kBit ? "bit" : std::string(NpyDescr(array.type))},

@@ -1,4 +1,4 @@
-// The formats and blends of render targets: enumerations alone, for device code too.
+// The formats, encodings and blends of render targets: enumerations alone, for device code too.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,17 @@ enum class VoxelFormat : uint8_t {
   kU32,
   kF16,
   kF32,
-  kU8Srgb,  // a u8 target of Encoding::kSrgb within the stages (pipeline/stages/target_rules.h); not for requests
+  // Targets with an encoding within the stages (pipeline/stages/target_rules.h); not for requests.
+  kU8Srgb,
+  kU8Snorm,
+  kU16Snorm,
+};
+
+// The encoding of the values of a u8 or u16 target.
+enum class Encoding : uint8_t {
+  kLinear,
+  kSrgb,   // colours, u8: components 0 to 2 by the transfer function (shaders/texture/srgb.h), the fourth times 255
+  kSnorm,  // normals and tangents, u8 or u16: -1 to 1 as 0 to 255 or 65535, (v/2 + 0.5) times that, nearest even
 };
 
 // All blends are independent of the order in which triangles arrive. Component by component.

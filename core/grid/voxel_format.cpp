@@ -21,12 +21,26 @@ constexpr std::array kBlends = {
     std::pair{Blend::kAnd, std::string_view("and")},
 };
 
+constexpr std::array kEncodings = {
+    std::pair{Encoding::kLinear, std::string_view("linear")},
+    std::pair{Encoding::kSrgb, std::string_view("srgb")},
+    std::pair{Encoding::kSnorm, std::string_view("snorm")},
+};
+
 template <typename Table, typename Value>
 std::string_view NameIn(const Table& table, Value value) {
   for (const auto& [v, name] : table) {
     if (v == value) return name;
   }
   return "unknown";
+}
+
+template <typename Table>
+auto ValueIn(const Table& table, std::string_view name) -> std::optional<decltype(table[0].first)> {
+  for (const auto& [value, text] : table) {
+    if (text == name) return value;
+  }
+  return std::nullopt;
 }
 
 }  // namespace
@@ -38,26 +52,28 @@ std::string_view Name(Blend blend) {
   return NameIn(kBlends, blend);
 }
 
-std::optional<VoxelFormat> ParseVoxelFormat(std::string_view name) {
-  for (const auto& [value, text] : kFormats) {
-    if (text == name) return value;
-  }
-  return std::nullopt;
+std::string_view Name(Encoding encoding) {
+  return NameIn(kEncodings, encoding);
 }
 
+std::optional<VoxelFormat> ParseVoxelFormat(std::string_view name) {
+  return ValueIn(kFormats, name);
+}
 std::optional<Blend> ParseBlend(std::string_view name) {
-  for (const auto& [value, text] : kBlends) {
-    if (text == name) return value;
-  }
-  return std::nullopt;
+  return ValueIn(kBlends, name);
+}
+std::optional<Encoding> ParseEncoding(std::string_view name) {
+  return ValueIn(kEncodings, name);
 }
 
 int BitsPerComponent(VoxelFormat format) {
   switch (format) {
     case VoxelFormat::kBit: return 1;
     case VoxelFormat::kU8:
-    case VoxelFormat::kU8Srgb: return 8;
+    case VoxelFormat::kU8Srgb:
+    case VoxelFormat::kU8Snorm: return 8;
     case VoxelFormat::kU16:
+    case VoxelFormat::kU16Snorm:
     case VoxelFormat::kF16: return 16;
     case VoxelFormat::kU32:
     case VoxelFormat::kF32: return 32;

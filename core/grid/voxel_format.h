@@ -1,4 +1,4 @@
-// Names and rules of formats, blends and layouts.
+// Names and rules of formats, encodings, blends and layouts.
 #pragma once
 
 #include <cstdint>
@@ -18,8 +18,10 @@ enum class Layout : uint8_t {
 
 std::string_view Name(VoxelFormat format);
 std::string_view Name(Blend blend);
+std::string_view Name(Encoding encoding);
 std::optional<VoxelFormat> ParseVoxelFormat(std::string_view name);
 std::optional<Blend> ParseBlend(std::string_view name);
+std::optional<Encoding> ParseEncoding(std::string_view name);
 
 // Size of one component in bits: 1 for kBit, else 8, 16 or 32.
 int BitsPerComponent(VoxelFormat format);

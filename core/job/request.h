@@ -24,12 +24,6 @@ inline bool CastsLines(Fill fill) {
   return fill == Fill::kParity || fill == Fill::kNonzero;
 }
 
-// The encoding of the values of a u8 target.
-enum class Encoding : uint8_t {
-  kLinear,
-  kSrgb,  // components 0 to 2 by the sRGB transfer function (shaders/texture/srgb.h), the fourth times 255
-};
-
 enum class ResultKind : uint8_t {
   kDense,    // every voxel of the grid
   kSparse,   // the occupied 8x8x8 bricks: masks and the values of their occupied voxels

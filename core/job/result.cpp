@@ -48,8 +48,10 @@ ElementType ElementOf(VoxelFormat format) {
   switch (format) {
     case VoxelFormat::kBit: return ElementType::kBit;
     case VoxelFormat::kU8:
-    case VoxelFormat::kU8Srgb: return ElementType::kU8;
-    case VoxelFormat::kU16: return ElementType::kU16;
+    case VoxelFormat::kU8Srgb:
+    case VoxelFormat::kU8Snorm: return ElementType::kU8;
+    case VoxelFormat::kU16:
+    case VoxelFormat::kU16Snorm: return ElementType::kU16;
     case VoxelFormat::kU32: return ElementType::kU32;
     case VoxelFormat::kF16: return ElementType::kF16;
     case VoxelFormat::kF32: return ElementType::kF32;

@@ -71,21 +71,34 @@ VOXELPIPE_HD uint32_t ToUnsigned(double v, uint32_t most) {
 
 // Largest value of an integer format, 0 for others.
 VOXELPIPE_HD uint32_t LargestInteger(VoxelFormat format) {
-  if (format == VoxelFormat::kU8 || format == VoxelFormat::kU8Srgb) return 0xff;
-  if (format == VoxelFormat::kU16) return 0xffff;
-  return format == VoxelFormat::kU32 ? 0xffffffffu : 0;
+  switch (format) {
+    case VoxelFormat::kU8:
+    case VoxelFormat::kU8Srgb:
+    case VoxelFormat::kU8Snorm: return 0xff;
+    case VoxelFormat::kU16:
+    case VoxelFormat::kU16Snorm: return 0xffff;
+    case VoxelFormat::kU32: return 0xffffffffu;
+    default: return 0;
+  }
 }
 VOXELPIPE_HD bool IsInteger(VoxelFormat format) {
   return LargestInteger(format) != 0;
 }
-// True if sums are multiples of the quantum: for float formats, and for sRGB, which is encoded after summing.
+// True if Encode makes the format's values.
+VOXELPIPE_HD bool IsEncoded(VoxelFormat format) {
+  return format == VoxelFormat::kU8Srgb || format == VoxelFormat::kU8Snorm || format == VoxelFormat::kU16Snorm;
+}
+// True if sums are multiples of the quantum: for float formats, and for encoded ones, which are encoded after summing.
 VOXELPIPE_HD bool SumsFloats(VoxelFormat format) {
-  return !IsInteger(format) || format == VoxelFormat::kU8Srgb;
+  return !IsInteger(format) || IsEncoded(format);
 }
 
-// Component i of kU8Srgb: colours by the transfer function, the fourth component times 255.
-VOXELPIPE_HD uint32_t EncodeSrgb(double v, int i) {
-  return i < 3 ? LinearToSrgb(v) : ToUnsigned(v * 255, 255);
+// Component i of an encoded format. sRGB: colours by the transfer function, the fourth component times 255. Snorm: -1
+// to 1 as 0 to the largest integer.
+VOXELPIPE_HD uint32_t Encode(VoxelFormat format, double v, int i) {
+  if (format == VoxelFormat::kU8Srgb) return i < 3 ? LinearToSrgb(v) : ToUnsigned(v * 255, 255);
+  const uint32_t most = LargestInteger(format);
+  return ToUnsigned((v / 2 + 0.5) * double(most), most);
 }
 
 // Component i as f32: u32 outputs are rounded to nearest even; NaN becomes 0.
@@ -108,7 +121,7 @@ VOXELPIPE_HD bool ToBit(const FragmentOutput& out, bool is_u32) {
 
 // Component i as a cell of a format other than bit.
 VOXELPIPE_HD uint32_t ToCell(const FragmentOutput& out, bool is_u32, int i, VoxelFormat format, double scale) {
-  if (format == VoxelFormat::kU8Srgb) return EncodeSrgb(double(ToF32(out, is_u32, i)), i);
+  if (IsEncoded(format)) return Encode(format, double(ToF32(out, is_u32, i)), i);
   if (IsInteger(format)) return ToInteger(out, is_u32, i, scale, LargestInteger(format));
   if (format == VoxelFormat::kF32) return BitsOf(ToF32(out, is_u32, i));
   // From the u32 itself: through f32 it would be rounded twice.
@@ -176,7 +189,7 @@ VOXELPIPE_HD int64_t Quantize(float v, double quantum) {
 }
 
 // The term that a fragment adds to its voxel's sum: the integer, or the f32 value as a multiple of the quantum (every
-// float format, and sRGB).
+// float format, and those with an encoding).
 VOXELPIPE_HD int64_t ToTerm(const FragmentOutput& out, bool is_u32, int i, VoxelFormat format, double scale,
                             double quantum) {
   if (!SumsFloats(format)) return int64_t(ToInteger(out, is_u32, i, scale, LargestInteger(format)));
@@ -204,7 +217,7 @@ VOXELPIPE_HD double RoundToOdd(int64_t sum) {
 
 // A sum of component i as stored: integers saturate, floats are converted once.
 VOXELPIPE_HD uint32_t StoreSum(int64_t sum, VoxelFormat format, double quantum, int i = 0) {
-  if (format == VoxelFormat::kU8Srgb) return EncodeSrgb(RoundToOdd(sum) * quantum, i);
+  if (IsEncoded(format)) return Encode(format, RoundToOdd(sum) * quantum, i);
   if (IsInteger(format)) {
     const uint64_t total = uint64_t(sum), most = LargestInteger(format);
     return uint32_t(total < most ? total : most);
@@ -217,7 +230,7 @@ VOXELPIPE_HD uint32_t StoreSum(int64_t sum, VoxelFormat format, double quantum, 
 VOXELPIPE_HD uint32_t StoreAverage(int64_t sum, uint32_t count, VoxelFormat format, double quantum, int i = 0) {
   if (!SumsFloats(format)) return ToUnsigned(double(uint64_t(sum)) / double(count), LargestInteger(format));
   const double average = double(sum) * quantum / double(count);
-  if (format == VoxelFormat::kU8Srgb) return EncodeSrgb(average, i);
+  if (IsEncoded(format)) return Encode(format, average, i);
   return format == VoxelFormat::kF32 ? BitsOf(float(average)) : HalfBits(average);
 }
 

@@ -261,6 +261,10 @@ const ShaderInfo* FindShader(ShaderStage stage, std::string_view name) {
   return nullptr;
 }
 
+bool TakesSnorm(std::string_view shader) {
+  return shader == "normal" || shader == "geometric_normal" || shader == "tangent";
+}
+
 absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call) {
   BoundShader bound;
   bound.info = FindShader(stage, call.name);

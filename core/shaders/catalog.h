@@ -47,6 +47,9 @@ std::span<const ShaderInfo> ListShaders();
 // The shader of this name, or nullptr.
 const ShaderInfo* FindShader(ShaderStage stage, std::string_view name);
 
+// True if the fragment shader's values are directions, which Encoding::kSnorm stores.
+bool TakesSnorm(std::string_view shader);
+
 // A shader with checked parameters in the form that shader code reads.
 struct BoundShader {
   int id = 0;  // enumerator of FragmentShaderId or VertexShaderId

@@ -151,11 +151,12 @@ absl::Status SetTargetOption(const KeyValue& pair, TargetSpec& target, ShaderCal
     return absl::OkStatus();
   }
   if (pair.key == "encoding") {
-    if (pair.value != "linear" && pair.value != "srgb") {
+    const std::optional<Encoding> encoding = ParseEncoding(pair.value);
+    if (!encoding) {
       return absl::InvalidArgumentError(
-          absl::StrCat("encoding: ", Quoted(pair.value), " is not known; known are linear and srgb"));
+          absl::StrCat("encoding: ", Quoted(pair.value), " is not known; known are linear, srgb and snorm"));
     }
-    target.encoding = pair.value == "srgb" ? Encoding::kSrgb : Encoding::kLinear;
+    target.encoding = *encoding;
     return absl::OkStatus();
   }
   double* number = pair.key == "quantum" ? &target.quantum : pair.key == "clear" ? &target.clear : nullptr;

@@ -35,9 +35,9 @@ absl::StatusOr<Box3d> ParseBox(std::string_view text);
 // against the catalog.
 absl::StatusOr<ShaderCall> ParseShaderCall(std::string_view text);
 
-// "FORMAT[xC]:BLEND[:k=v,...]" where k is shader, quantum, clear, fill ("V" or "A/B/C"), encoding (linear or srgb),
-// scale (integer formats only), or a parameter of the target's shader. A target without shader= takes `default_shader`
-// with its own parameters on top; one without xC has the components of its shader (OwnComponents).
+// "FORMAT[xC]:BLEND[:k=v,...]" where k is shader, quantum, clear, fill ("V" or "A/B/C"), encoding (linear, srgb or
+// snorm), scale (integer formats only), or a parameter of the target's shader. A target without shader= takes
+// `default_shader` with its own parameters on top; one without xC has the components of its shader (OwnComponents).
 absl::StatusOr<TargetSpec> ParseTarget(std::string_view text, const ShaderCall& default_shader);
 
 // The targets of --target and --shader. Without --target: `bit:or` for occupancy (also if no shader is named),

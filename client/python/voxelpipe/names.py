@@ -13,7 +13,7 @@ Priority = Literal["high", "normal", "low"]
 Compression = Literal["none", "zstd"]
 Format = Literal["bit", "u8", "u16", "u32", "f16", "f32"]
 Blend = Literal["or", "and", "replace", "first", "min", "max", "add", "average", "count"]
-Encoding = Literal["linear", "srgb"]
+Encoding = Literal["linear", "srgb", "snorm"]
 MeshFormat = Literal["auto", "glb", "gltf", "draco", "stl", "ply", "off", "obj", "3mf"]
 LengthUnit = Literal["mm", "cm", "m", "in"]
 

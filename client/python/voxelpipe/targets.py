@@ -74,7 +74,7 @@ class Target:
     clear: what voxels without fragment and fill hold. fill: what filled voxels without a fragment hold, one number or
     one a component; None: what the shader gives there without a triangle, else `clear`.
     scale: of floats into integers; None: 255 or 65535 for colours, else 1. quantum: of add and average on floats.
-    encoding: "srgb" stores linear colours in u8 as sRGB.
+    encoding: "srgb" stores linear colours in u8 as sRGB; "snorm" normals and tangents, -1 to 1, as all of u8 or u16.
     """
 
     format: Format = "bit"
@@ -106,7 +106,8 @@ class Target:
         if self.blend is not None and self.blend not in _BLENDS:
             raise InvalidRequest(f"blend: '{self.blend}' is none of {', '.join(_BLENDS)}", field="targets")
         if self.encoding not in get_args(Encoding):
-            raise InvalidRequest(f"encoding: '{self.encoding}' is neither linear nor srgb", field="targets")
+            known = ", ".join(get_args(Encoding))
+            raise InvalidRequest(f"encoding: '{self.encoding}' is none of {known}", field="targets")
         message = types.RenderTarget(format=types.VoxelFormat.Value(f"VOXEL_FORMAT_{self.format.upper()}"))
         if self.components is not None:
             message.components = self.components
@@ -122,8 +123,8 @@ class Target:
             message.scale = self.scale
         if self.quantum is not None:
             message.quantum = self.quantum
-        if self.encoding == "srgb":
-            message.encoding = types.ENCODING_SRGB
+        if self.encoding != "linear":
+            message.encoding = types.Encoding.Value(f"ENCODING_{self.encoding.upper()}")
         return message
 
 

@@ -84,8 +84,10 @@ absl::Status FillTarget(RunState& state, int index) {
   const unsigned blocks = BlocksFor(args.words, kFillThreads / 32);
   switch (target.format) {
     case VoxelFormat::kU8:
-    case VoxelFormat::kU8Srgb: FillValues<uint8_t><<<blocks, kFillThreads, 0, state.stream>>>(args); break;
+    case VoxelFormat::kU8Srgb:
+    case VoxelFormat::kU8Snorm: FillValues<uint8_t><<<blocks, kFillThreads, 0, state.stream>>>(args); break;
     case VoxelFormat::kU16:
+    case VoxelFormat::kU16Snorm:
     case VoxelFormat::kF16: FillValues<uint16_t><<<blocks, kFillThreads, 0, state.stream>>>(args); break;
     default: FillValues<uint32_t><<<blocks, kFillThreads, 0, state.stream>>>(args); break;
   }

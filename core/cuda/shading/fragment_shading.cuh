@@ -80,9 +80,11 @@ __device__ inline bool IsKept(const FragmentShading& s, uint64_t i) {
 
 __device__ inline void PutElement(uint8_t* out, VoxelFormat format, uint64_t at, uint32_t stored) {
   switch (format) {
+    case VoxelFormat::kU8:
     case VoxelFormat::kU8Srgb:
-    case VoxelFormat::kU8: out[at] = uint8_t(stored); break;
+    case VoxelFormat::kU8Snorm: out[at] = uint8_t(stored); break;
     case VoxelFormat::kU16:
+    case VoxelFormat::kU16Snorm:
     case VoxelFormat::kF16: reinterpret_cast<uint16_t*>(out)[at] = uint16_t(stored); break;
     default: reinterpret_cast<uint32_t*>(out)[at] = stored; break;
   }

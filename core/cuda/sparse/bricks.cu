@@ -84,9 +84,11 @@ __device__ inline void StoreElement(uint8_t* to, VoxelFormat format, uint64_t at
     case VoxelFormat::kBit:
       if (stored != 0) atomicOr(reinterpret_cast<uint32_t*>(to) + at / 32, 1u << (at % 32));
       break;
+    case VoxelFormat::kU8:
     case VoxelFormat::kU8Srgb:
-    case VoxelFormat::kU8: to[at] = uint8_t(stored); break;
+    case VoxelFormat::kU8Snorm: to[at] = uint8_t(stored); break;
     case VoxelFormat::kU16:
+    case VoxelFormat::kU16Snorm:
     case VoxelFormat::kF16: reinterpret_cast<uint16_t*>(to)[at] = uint16_t(stored); break;
     default: reinterpret_cast<uint32_t*>(to)[at] = stored; break;
   }

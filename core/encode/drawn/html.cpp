@@ -72,8 +72,9 @@ absl::StatusOr<std::vector<Cell>> CellsOf(const PreviewVolume& drawn, const Prev
 std::string_view ShownAs(const TargetSpec& spec) {
   if (spec.components < 3 || !(ColourUnit(spec) > 0)) return "number";
   if (spec.shader.name == "velocity") return "length";
+  if (spec.encoding != Encoding::kLinear) return "codes";
   if (spec.shader.name == "normal" || spec.shader.name == "geometric_normal") return "unit_vector";
-  return spec.encoding == Encoding::kSrgb ? "codes" : "linear";
+  return "linear";
 }
 
 std::string_view StoredAs(VoxelFormat format) {

@@ -44,7 +44,7 @@ export function coloursOf(target, voxels) {
   } else if (target) {
     const {values, components, unit, shows} = target;
     const convert = {
-      codes: (value) => value,
+      codes: (value) => Math.round(255 * value / unit),
       unit_vector: (value) => Math.round(255 * Math.min(Math.max(0.5 + 0.5 * value, 0), 1)),
       linear: (value) => toSrgb(value / unit),
     }[shows];

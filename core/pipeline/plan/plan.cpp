@@ -24,16 +24,26 @@ bool IsPowerOfTwo(double v) {
   return std::isfinite(v) && v > 0 && std::frexp(v, &exponent) == 0.5;
 }
 
+bool TakesSrgb(std::string_view shader) {
+  return shader == "base_color" || shader == "emissive" || shader == "color" || shader == "constant";
+}
+
 absl::Status ValidateEncoding(const TargetSpec& target, const std::string& field) {
   if (target.encoding == Encoding::kLinear) return absl::OkStatus();
-  if (target.format != VoxelFormat::kU8) return Invalid(field, "srgb is for u8");
-  constexpr std::string_view kColours[] = {"base_color", "emissive", "color", "constant"};
-  if (std::find(std::begin(kColours), std::end(kColours), target.shader.name) == std::end(kColours)) {
-    return Invalid(field, "srgb is for the shaders base_color, emissive, color and constant");
+  const std::string name(Name(target.encoding));
+  const bool srgb = target.encoding == Encoding::kSrgb;
+  if (target.format != VoxelFormat::kU8 && (srgb || target.format != VoxelFormat::kU16)) {
+    return Invalid(field, name + (srgb ? " is for u8" : " is for u8 and u16"));
   }
-  if (target.scale) return Invalid(field, "srgb and scale exclude one another");
+  if (!(srgb ? TakesSrgb(target.shader.name) : TakesSnorm(target.shader.name))) {
+    return Invalid(field,
+                   name + " is for the shaders " +
+                       (srgb ? "base_color, emissive, color and constant" : "normal, geometric_normal and tangent"));
+  }
+  if (target.scale) return Invalid(field, name + " and scale exclude one another");
   for (const Blend blend : {Blend::kCount, Blend::kAnd, Blend::kOr}) {
-    if (target.blend == blend) return Invalid(field, absl::StrCat("srgb does not go with ", std::string(Name(blend))));
+    if (target.blend == blend)
+      return Invalid(field, absl::StrCat(name, " does not go with ", std::string(Name(blend))));
   }
   return absl::OkStatus();
 }

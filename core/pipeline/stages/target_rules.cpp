@@ -38,7 +38,12 @@ void StoreOutput(const FragmentOutput& out, FillValue& fill) {
 }  // namespace
 
 VoxelFormat KeptFormat(const TargetSpec& spec) {
-  return spec.encoding == Encoding::kSrgb ? VoxelFormat::kU8Srgb : spec.format;
+  switch (spec.encoding) {
+    case Encoding::kLinear: return spec.format;
+    case Encoding::kSrgb: return VoxelFormat::kU8Srgb;
+    case Encoding::kSnorm: return spec.format == VoxelFormat::kU8 ? VoxelFormat::kU8Snorm : VoxelFormat::kU16Snorm;
+  }
+  return spec.format;
 }
 
 double ScaleOf(const TargetSpec& spec, const BoundShader& shader) {

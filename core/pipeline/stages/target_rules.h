@@ -7,7 +7,7 @@
 
 namespace voxelpipe {
 
-// The format that values are converted to and blended in: kU8Srgb where u8 is encoded so, otherwise the target's own.
+// The format that values are converted to and blended in: the one of its encoding, otherwise the target's own.
 VoxelFormat KeptFormat(const TargetSpec& spec);
 
 // The factor of f32 outputs into integers: that of the request; without one colours fill the range of 8 and 16 bits.

@@ -129,7 +129,7 @@ TargetSpec RandomTarget(Random& random) {
   if (OneIn(random, 10)) target.clear = Pick(std::vector{-1.0, 0.5, 1e300, double(NAN), double(INFINITY)}, random);
   if (OneIn(random, 10))
     target.fill_values.assign(Below(random, 5), Pick(std::vector{-1.0, 2.0, 1e300, double(NAN)}, random));
-  if (OneIn(random, 10)) target.encoding = Encoding::kSrgb;
+  if (OneIn(random, 10)) target.encoding = OneIn(random, 2) ? Encoding::kSrgb : Encoding::kSnorm;
   return target;
 }
 

@@ -166,7 +166,10 @@ TargetSpec RandomTarget(Dice& dice, const std::vector<ShaderCall>& shaders) {
   const bool bitwise = target.blend == Blend::kCount || target.blend == Blend::kAnd || target.blend == Blend::kOr;
   const std::string& name = target.shader.name;
   const bool colour = name == "base_color" || name == "emissive" || name == "color" || name == "constant";
-  if (target.format == VoxelFormat::kU8 && colour && !target.scale && !bitwise) target.encoding = Encoding::kSrgb;
+  const bool encodes = !target.scale && !bitwise;
+  if (target.format == VoxelFormat::kU8 && colour && encodes) target.encoding = Encoding::kSrgb;
+  const bool narrow = target.format == VoxelFormat::kU8 || target.format == VoxelFormat::kU16;
+  if (narrow && TakesSnorm(name) && encodes && !dice.OneIn(4)) target.encoding = Encoding::kSnorm;
   return target;
 }
 
@@ -296,7 +299,7 @@ std::string Describe(const ParityCase& c) {
                     Describe(t.shader));
     if (t.clear != 0) absl::StrAppend(&out, " clear=", t.clear);
     if (!t.fill_values.empty()) absl::StrAppend(&out, " fill=", absl::StrJoin(t.fill_values, "/"));
-    if (t.encoding == Encoding::kSrgb) absl::StrAppend(&out, " srgb");
+    if (t.encoding != Encoding::kLinear) absl::StrAppend(&out, " ", Word(Name(t.encoding)));
     if (t.quantum != 0x1p-20) absl::StrAppend(&out, " quantum=", t.quantum);
     if (t.scale) absl::StrAppend(&out, " scale=", *t.scale);
   }

@@ -99,9 +99,16 @@ uint32_t SrgbCode(long double v, int c) {
   return uint32_t(std::min(255.0L, std::floor(encoded * 255 + 0.5L)));
 }
 
+// The value as its target's encoding has it.
+uint32_t Code(const TargetSpec& spec, long double v, int c) {
+  if (spec.encoding == Encoding::kSrgb) return SrgbCode(v, c);
+  const uint32_t most = Most(spec.format);
+  return NearestInteger(double((v / 2 + 0.5L) * most), most);
+}
+
 uint32_t ConvertedInteger(const TargetSpec& spec, const FragmentOutput& out, int c) {
   const uint32_t most = Most(spec.format);
-  if (spec.encoding == Encoding::kSrgb) return SrgbCode(Given(spec, out, c), c);
+  if (spec.encoding != Encoding::kLinear) return Code(spec, Given(spec, out, c), c);
   if (OutputsU32(spec)) return std::min(out.u[c], most);
   return NearestInteger(Given(spec, out, c) * Scale(spec), most);
 }
@@ -163,7 +170,7 @@ uint32_t BlendSums(const TargetSpec& spec, const std::vector<FragmentOutput>& fr
   }
   const long double total = static_cast<long double>(sum) * spec.quantum;
   const double average = double(sum) * spec.quantum / double(fragments.size());
-  if (spec.encoding == Encoding::kSrgb) return SrgbCode(spec.blend == Blend::kAdd ? total : average, c);
+  if (spec.encoding != Encoding::kLinear) return Code(spec, spec.blend == Blend::kAdd ? total : average, c);
   return FloatStored(spec.blend == Blend::kAdd ? total : static_cast<long double>(average), spec.format);
 }
 
@@ -394,7 +401,7 @@ uint32_t ReferenceBlend(const TargetSpec& spec, const std::vector<FragmentOutput
     return BlendBits(spec.blend, bits);
   }
   const bool sums = spec.blend == Blend::kAdd || spec.blend == Blend::kAverage;
-  if (!IsFloat(spec.format) && !(sums && spec.encoding == Encoding::kSrgb)) {
+  if (!IsFloat(spec.format) && !(sums && spec.encoding != Encoding::kLinear)) {
     std::vector<uint32_t> integers;
     for (const FragmentOutput& out : fragments) integers.push_back(ConvertedInteger(spec, out, c));
     return BlendIntegers(spec.blend, integers, Most(spec.format));

@@ -279,6 +279,18 @@ TEST(Solids, RefuseWhatHasNoMeaningByTheNameOfTheField) {
   for (const Blend blend : {Blend::kCount, Blend::kAnd, Blend::kOr}) {
     EXPECT_THAT(srgb([blend](auto& t) { t.blend = blend; }), HasSubstr("targets[0].encoding: srgb does not go"));
   }
+  const auto snorm = [&](auto change) {
+    return error([&](auto& r) {
+      r.targets[0] = FloatTarget(3, Blend::kReplace, {"normal", {}});
+      r.targets[0].format = VoxelFormat::kU16;
+      r.targets[0].encoding = Encoding::kSnorm;
+      change(r.targets[0]);
+    });
+  };
+  EXPECT_THAT(snorm([](auto& t) { t.format = VoxelFormat::kU32; }), HasSubstr("snorm is for u8 and u16"));
+  EXPECT_THAT(snorm([](auto& t) { t.scale = 2; }), HasSubstr("targets[0].encoding: snorm and scale"));
+  EXPECT_THAT(snorm([](auto& t) { t.shader.name = "base_color"; }), HasSubstr("snorm is for the shaders normal"));
+  EXPECT_THAT(snorm([](auto& t) { t.blend = Blend::kOr; }), HasSubstr("snorm does not go with or"));
 }
 
 // Random meshes under every blend that sRGB takes, against the transfer function in long double; dense, sparse and
@@ -308,6 +320,32 @@ TEST(Solids, SrgbIsTheTransferFunctionUnderEveryBlend) {
     std::vector<std::vector<uint8_t>> got;
     for (const auto bytes : ArraysOf(result)) got.emplace_back(bytes.begin(), bytes.end());
     EXPECT_EQ(got, ReferenceArrays(mesh, request)) << Name(kind);
+  }
+}
+
+TEST(Solids, SnormIsItsFormulaUnderEveryBlend) {
+  const TriangleMesh mesh = AttributedSoup(60, 20, 12);
+  const std::array<const char*, 3> shaders{"normal", "geometric_normal", "tangent"};
+  for (const VoxelFormat format : {VoxelFormat::kU8, VoxelFormat::kU16}) {
+    for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+      VoxelizeRequest request;
+      request.result = kind;
+      request.grid = UnitGrid(20, 19, 18);
+      request.targets.clear();
+      for (const Blend blend :
+           {Blend::kReplace, Blend::kFirst, Blend::kMin, Blend::kMax, Blend::kAdd, Blend::kAverage}) {
+        const char* const shader = shaders[request.targets.size() % 3];
+        TargetSpec target = FloatTarget(request.targets.size() % 3 == 2 ? 4 : 3, blend, {shader, {}});
+        target.format = format;
+        target.encoding = Encoding::kSnorm;
+        target.clear = 17;
+        request.targets.push_back(target);
+      }
+      const VoxelizeResult result = RunPipeline(mesh, request);
+      std::vector<std::vector<uint8_t>> got;
+      for (const auto bytes : ArraysOf(result)) got.emplace_back(bytes.begin(), bytes.end());
+      EXPECT_EQ(got, ReferenceArrays(mesh, request)) << Name(kind) << " " << Name(format);
+    }
   }
 }
 

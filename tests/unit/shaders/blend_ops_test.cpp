@@ -256,5 +256,28 @@ TEST(BlendOpsTest, QuantizeIsTheNearestMultiple) {
   }
 }
 
+TEST(Snorm, MinusOneToOneFillsTheIntegers) {
+  FragmentOutput out;
+  const auto code = [&](float v, VoxelFormat format) {
+    out.f[0] = v;
+    return ToCell(out, false, 0, format, 1);
+  };
+  for (const auto& [v, u8, u16] : {std::tuple{-1.0f, 0u, 0u},
+                                   {1.0f, 255u, 65535u},
+                                   {0.0f, 128u, 32768u},  // 127.5 and 32767.5, to even
+                                   {-0.5f, 64u, 16384u},  // 63.75, 16383.75
+                                   {2.0f, 255u, 65535u},
+                                   {-2.0f, 0u, 0u}}) {
+    EXPECT_EQ(code(v, VoxelFormat::kU8Snorm), u8) << v;
+    EXPECT_EQ(code(v, VoxelFormat::kU16Snorm), u16) << v;
+  }
+  EXPECT_EQ(code(std::nanf(""), VoxelFormat::kU8Snorm), 128u) << "as 0";
+  const double quantum = 0x1p-20;
+  const int64_t half = ToTerm(out, false, 0, VoxelFormat::kU8Snorm, 1, quantum) + (int64_t{1} << 19);
+  EXPECT_EQ(StoreSum(half, VoxelFormat::kU8Snorm, quantum), 191u) << "191.25: of the sum, not the sum of codes";
+  EXPECT_EQ(StoreAverage(-half, 2, VoxelFormat::kU8Snorm, quantum), 96u);  // of -0.25: 95.625
+  EXPECT_EQ(NumberToCell(200.6, VoxelFormat::kU8Snorm), 201u) << "clear and fill are codes";
+}
+
 }  // namespace
 }  // namespace voxelpipe

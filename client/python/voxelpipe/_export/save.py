@@ -132,6 +132,7 @@ def _description(grid: "VoxelGrid", file_name: str) -> str:
     config = service.VoxelizeConfig.FromString(grid._config)
     asked = config.targets[0] if config.targets else types.RenderTarget()
     blend = types.Blend.Name(asked.blend).removeprefix("BLEND_").lower() if asked.blend else "or" if bits else "replace"
+    encoding = types.Encoding.Name(asked.encoding).removeprefix("ENCODING_").lower() if asked.encoding else "linear"
     described = {
         "dims": list(grid.dims),
         "origin": list(grid.origin_corner),
@@ -144,7 +145,7 @@ def _description(grid: "VoxelGrid", file_name: str) -> str:
                 "file": file_name,
                 "format": target.format,
                 "components": components,
-                "encoding": "srgb" if asked.encoding == types.ENCODING_SRGB else "linear",
+                "encoding": encoding,
                 "blend": blend,
                 "shader": asked.shader.name or "occupancy",
                 "dtype": "bit" if bits else array.dtype.str,

@@ -110,6 +110,7 @@ TEST(ParseTarget, ReadsEncodingAndFillNumbers) {
   EXPECT_EQ(target.encoding, Encoding::kSrgb);
   EXPECT_THAT(target.fill_values, ElementsAre(1, 20, 255, 0.5));
   EXPECT_EQ(ParseTarget("u8:max:encoding=linear", shader).value().encoding, Encoding::kLinear);
+  EXPECT_EQ(ParseTarget("u16:max:encoding=snorm", {"normal", {}}).value().encoding, Encoding::kSnorm);
   EXPECT_THAT(Error(ParseTarget("u8:max:encoding=sRGB", shader).status()), HasSubstr("encoding: 'sRGB'"));
   EXPECT_THAT(Error(ParseTarget("u8:max:fill=1/x", shader).status()), HasSubstr("fill: 'x'"));
 }
