@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <functional>
 #include <memory>
 
 #include "absl/strings/str_cat.h"
@@ -125,6 +126,32 @@ absl::StatusOr<Box3d> BoundsOfUsed(const HostMesh& state) {
         absl::StrCat(DescribeVertex(state.mesh, bad.load()), ": the position is not finite after the vertex shader"));
   }
   return box;
+}
+
+// Triangles whose boxes lie beside the grid that the request gives. In: the box of them all.
+uint64_t CountOutside(const HostMesh& state, const Box3d& box) {
+  const MeshView& view = state.view;
+  const GridWindow window = WindowOf(state.request.request.grid);
+  if (box.empty || !window.known()) return 0;
+  if (window.Misses(box.min, box.max)) return view.triangle_count;
+  if (!window.Misses(box.min, box.min) && !window.Misses(box.max, box.max)) return 0;
+  return tbb::parallel_reduce(
+      tbb::blocked_range<uint64_t>(0, view.triangle_count, kGrain), uint64_t{0},
+      [&](const tbb::blocked_range<uint64_t>& range, uint64_t count) {
+        if (!state.job.Check().ok()) return count;
+        for (uint64_t t = range.begin(); t < range.end(); ++t) {
+          const uint32_t* const v = view.triangles[t];
+          const Vec3d &a = view.positions[v[0]], &b = view.positions[v[1]], &c = view.positions[v[2]];
+          Vec3d min, max;
+          for (int i = 0; i < 3; ++i) {
+            min[i] = Min(a[i], Min(b[i], c[i]));
+            max[i] = Max(a[i], Max(b[i], c[i]));
+          }
+          count += window.Misses(min, max);
+        }
+        return count;
+      },
+      std::plus<>());
 }
 
 }  // namespace
@@ -310,6 +337,8 @@ absl::StatusOr<MeshExtent> MeasureMesh(const HostMesh& state) {
     extent.box.min[a] += 0.0;
     extent.box.max[a] += 0.0;
   }
+  extent.triangles_outside = CountOutside(state, extent.box);
+  if (absl::Status over = state.job.Check(); !over.ok()) return over;
   extent.held_bytes = state.shaded_positions.size() * sizeof(Vec3d) + state.shaded_normals.size() * sizeof(Vec3f) +
                       state.shaded_tangents.size() * sizeof(Vec4f) + state.velocities.size() * sizeof(Vec3f);
   return extent;

@@ -13,6 +13,8 @@ namespace voxelpipe {
 
 struct VoxelizeStats {
   uint64_t triangles = 0;
+  // Of a grid that the request gives: triangles whose boxes lie beside it, after the vertex shader. 0 of fitted grids.
+  uint64_t triangles_outside = 0;
   std::optional<uint64_t> fragments;  // (triangle, voxel) pairs touched; absent on paths that do not count them
   // Voxels with a fragment or fill; counted after the pipeline, outside its time, except where counting waits for a
   // device.

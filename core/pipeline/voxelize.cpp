@@ -71,6 +71,7 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
 
   absl::StatusOr<MeshExtent> extent = clock("vertex_shade", [&] { return stages.VertexShade(); });
   if (!extent.ok()) return extent.status();
+  stats.triangles_outside = extent->triangles_outside;
   const MeshSize size{run.mesh.triangles.size(), run.mesh.positions.size(), *std::move(extent)};
   const RunPlanner planner(run.backend, stages, request, size, run.limits, run.delivery);
   absl::StatusOr<PlannedRun> planned = clock("vertex_shade", [&] { return planner.Make(); });

@@ -34,7 +34,8 @@ bool HasMask(const TriangleMesh& mesh) {
 bool RoundsFractions(const TargetSpec& target) {
   const bool integer = target.format == VoxelFormat::kU8 || target.format == VoxelFormat::kU16;
   const ShaderInfo* const info = FindShader(ShaderStage::kFragment, target.shader.name);
-  return integer && !target.scale && target.blend != Blend::kCount && info != nullptr && info->is_fraction;
+  return integer && !target.scale && target.encoding == Encoding::kLinear && target.blend != Blend::kCount &&
+         info != nullptr && info->is_fraction;
 }
 
 void AddTargetWarnings(const VoxelizeRequest& request, WarningList& warnings) {
@@ -49,7 +50,8 @@ void AddTargetWarnings(const VoxelizeRequest& request, WarningList& warnings) {
     if (RoundsFractions(target)) {
       warnings.Add(WarningCode::kValuesRounded, place,
                    absl::StrCat("'", target.shader.name, "' gives fractions, which ", std::string(Name(target.format)),
-                                " rounds to whole numbers; the target's scale=..., or f16 or f32, keeps them"));
+                                " rounds to whole numbers; the target's scale=..., ",
+                                TakesSnorm(target.shader.name) ? "encoding=snorm, " : "", "or f16 or f32, keeps them"));
     }
   }
 }
@@ -64,13 +66,6 @@ Box3d BoxOf(const GridRequest& grid) {
   return box;
 }
 
-bool AreApart(const Box3d& a, const Box3d& b) {
-  for (int axis = 0; axis < 3; ++axis) {
-    if (a.max[axis] < b.min[axis] || b.max[axis] < a.min[axis]) return true;
-  }
-  return false;
-}
-
 std::string Shown(const Box3d& box) {
   const auto corner = [](const Vec3d& p) { return absl::StrCat("(", p.x, ", ", p.y, ", ", p.z, ")"); };
   return absl::StrCat(corner(box.min), " to ", corner(box.max));
@@ -78,16 +73,16 @@ std::string Shown(const Box3d& box) {
 
 // Of an empty result on a grid that was given.
 void WarnIfOutside(const JobContext& job, const TriangleMesh& mesh, const VoxelizeRequest& request,
-                   WarningList& warnings) {
+                   VoxelizeStats& stats) {
+  // A triangle in the grid may cover no voxel of it, unless voxels that it touches are covered.
+  if (request.coverage != Coverage::kConservative && stats.triangles_outside < stats.triangles) return;
   const absl::StatusOr<MeshReport> report = BoxReport(job, mesh);
   if (!report.ok()) return;  // the job ended, which its next stage says
   const Box3d of_grid = BoxOf(request.grid), of_mesh{report->min, report->max, false};
   const bool moved = request.vertex_shader.name != "identity";
-  // A triangle in the grid may cover no voxel of it, unless voxels that it touches are covered.
-  if (request.coverage != Coverage::kConservative && (moved || !AreApart(of_grid, of_mesh))) return;
-  warnings.Add(WarningCode::kOutsideGrid, "",
-               absl::StrCat("no triangle reaches the grid, ", Shown(of_grid), "; the mesh lies at ", Shown(of_mesh),
-                            moved ? " before its vertex shader" : ""));
+  stats.warnings.Add(WarningCode::kOutsideGrid, "",
+                     absl::StrCat("no triangle reaches the grid, ", Shown(of_grid), "; the mesh lies at ",
+                                  Shown(of_mesh), moved ? " before its vertex shader" : ""));
 }
 
 }  // namespace
@@ -108,12 +103,12 @@ WarningList AllWarningsOf(const TriangleMesh& mesh) {
 void AddRunWarnings(const JobContext& job, const TriangleMesh& mesh, const VoxelizeRequest& request,
                     VoxelizeStats& stats) {
   if (stats.occupied > 0 || mesh.triangles.empty()) return;
-  const bool given = request.grid.dims.has_value();
+  const bool given = request.grid.given();
   const bool discards = request.coverage != Coverage::kNone && EveryShaderDiscards(request) && HasMask(mesh);
   // A grid that was given may lie beside the mesh. Fragments that are counted before shaders see them tell; those of
   // buckets are counted after, so there the text leaves it open.
   if (!discards || (given && request.result != ResultKind::kBuckets && stats.fragments == uint64_t{0})) {
-    if (given) WarnIfOutside(job, mesh, request, stats.warnings);
+    if (given) WarnIfOutside(job, mesh, request, stats);
     return;
   }
   stats.warnings.Add(WarningCode::kAllDiscarded, "",

@@ -22,6 +22,14 @@ struct GridWindow {
   Vec3d dims{};  // voxels; 0: the grid is not known
 
   VOXELPIPE_HD bool known() const { return dims.x > 0; }
+  // True if the grid is known and a box, in world space, lies beside it. Touching counts as inside.
+  VOXELPIPE_HD bool Misses(const Vec3d& min, const Vec3d& max) const {
+    bool misses = false;
+    for (int a = 0; a < 3; ++a) {
+      misses = misses || max[a] < origin[a] || min[a] > origin[a] + dims[a] * voxel_size[a];
+    }
+    return known() && misses;
+  }
 };
 
 }  // namespace voxelpipe

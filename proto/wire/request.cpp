@@ -43,7 +43,8 @@ constexpr Pair<v1::Fill, Fill> kFills[] = {{v1::FILL_NONE, Fill::kNone},
                                            {v1::FILL_FLOOD, Fill::kFlood},
                                            {v1::FILL_NONZERO, Fill::kNonzero}};
 constexpr Pair<v1::Encoding, Encoding> kEncodings[] = {{v1::ENCODING_LINEAR, Encoding::kLinear},
-                                                       {v1::ENCODING_SRGB, Encoding::kSrgb}};
+                                                       {v1::ENCODING_SRGB, Encoding::kSrgb},
+                                                       {v1::ENCODING_SNORM, Encoding::kSnorm}};
 constexpr Pair<v1::ResultKind, ResultKind> kResults[] = {{v1::RESULT_KIND_DENSE, ResultKind::kDense},
                                                          {v1::RESULT_KIND_SPARSE, ResultKind::kSparse},
                                                          {v1::RESULT_KIND_BUCKETS, ResultKind::kBuckets}};
@@ -101,7 +102,7 @@ absl::Status ReadGrid(const v1::GridRequest& in, GridRequest& out) {
   if (in.has_resolution()) {
     if (in.has_voxel_size()) return Invalid("grid.resolution", "cannot be given together with voxel_size");
     if (in.has_dims() || in.has_origin())
-      return Invalid("grid.resolution", "cannot be given together with dims and origin");
+      return Invalid("grid.resolution", "cannot be given together with dims or origin");
     out.resolution = in.resolution();
   }
   if (absl::Status s = ReadEnum(kFits, in.fit(), "grid.fit", out.fit); !s.ok()) return s;
@@ -237,6 +238,8 @@ absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
     return Invalid("targets",
                    absl::StrCat("at most ", kMaxTargets, " are possible, ", config.targets_size(), " given"));
   }
+  parsed.default_targets = config.targets_size() == 0;
+  parsed.default_result = config.result() == v1::RESULT_KIND_UNSPECIFIED;
   if (config.targets_size() > 0) request.targets.assign(size_t(config.targets_size()), TargetSpec{});
   for (int i = 0; i < config.targets_size(); ++i) {
     s = ReadTarget(config.targets(i), absl::StrCat("targets[", i, "]"), request.targets[size_t(i)]);

@@ -16,8 +16,9 @@ struct ParsedConfig {
   MeshFileType mesh_type;   // of the mesh that comes with the request
   VoxelizeRequest request;  // threads stays 0: clients do not choose it
   CallSettings settings;
-  std::string mesh_id;         // of a stored mesh; empty: the mesh comes with the request
-  bool new_positions = false;  // the mesh bytes are positions for mesh_id
+  bool default_targets = false, default_result = false;  // the message leaves them open
+  std::string mesh_id;                                   // of a stored mesh; empty: the mesh comes with the request
+  bool new_positions = false;                            // the mesh bytes are positions for mesh_id
 };
 
 v1::MeshFormat ToMessage(MeshFormat format);

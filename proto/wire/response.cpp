@@ -169,6 +169,7 @@ absl::StatusOr<Plan> FromMessage(const v1::VoxelizationPlan& message) {
 
 void WriteTo(const VoxelizeStats& stats, v1::VoxelizeStats& message) {
   message.set_triangles(stats.triangles);
+  message.set_triangles_outside(stats.triangles_outside);
   if (stats.fragments) message.set_fragments(*stats.fragments);
   message.set_occupied(stats.occupied);
   if (stats.odd_columns) message.set_odd_columns(*stats.odd_columns);
@@ -193,6 +194,7 @@ v1::VoxelizeStats ToMessage(const VoxelizeStats& stats) {
 VoxelizeStats FromMessage(const v1::VoxelizeStats& message) {
   VoxelizeStats stats;
   stats.triangles = message.triangles();
+  stats.triangles_outside = message.triangles_outside();
   if (message.has_fragments()) stats.fragments = message.fragments();
   stats.occupied = message.occupied();
   if (message.has_odd_columns()) stats.odd_columns = message.odd_columns();

@@ -118,6 +118,7 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
   nlohmann::ordered_json json;
   json["input"] = report.input;
   json["triangles"] = stats.triangles;
+  json["triangles_outside"] = stats.triangles_outside;
   json["dims"] = result.grid.dims;
   json["origin"] = {result.grid.origin.x, result.grid.origin.y, result.grid.origin.z};
   json["voxel_size"] = {result.grid.voxel_size.x, result.grid.voxel_size.y, result.grid.voxel_size.z};
@@ -165,7 +166,10 @@ Lines VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
   const auto row = [&](const char* name, const std::string& text) { table.push_back(TableRow(name, text)); };
   const auto& dims = result.grid.dims;
   const Vec3d& h = result.grid.voxel_size;
-  row("triangles", WithCommas(stats.triangles));
+  row("triangles", absl::StrCat(WithCommas(stats.triangles),
+                                stats.triangles_outside == 0 ? ""
+                                                             : absl::StrCat(", ", WithCommas(stats.triangles_outside),
+                                                                            " of them outside the grid")));
   row("grid", absl::StrCat(dims[0], " x ", dims[1], " x ", dims[2], " voxels of ",
                            h.x == h.y && h.y == h.z ? absl::StrFormat("%.6g", h.x)
                                                     : absl::StrFormat("%.6g x %.6g x %.6g", h.x, h.y, h.z)));

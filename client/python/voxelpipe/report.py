@@ -94,13 +94,15 @@ class MeshReport:
 class Summary:
     """How a request ran. Times in milliseconds, sizes in bytes.
 
-    occupied: voxels with a fragment or fill. fragments: (triangle, voxel) pairs; None where they were not counted.
-    odd_columns: with a fill by crossings: columns of an open mesh. stages: wall time by name, in the order of
+    triangles_outside: triangles whose boxes lie beside a grid that was given, after the vertex shader; 0 for fitted
+    grids. occupied: voxels with a fragment or fill. fragments: (triangle, voxel) pairs; None where they were not
+    counted. odd_columns: with a fill by crossings: columns of an open mesh. stages: wall time by name, in the order of
     execution. path: how each target was computed. content_sha256: the server's, empty unless asked for. sent_bytes: of
     the result as received, compressed or not. attempts: workers that tried the job.
     """
 
     triangles: int
+    triangles_outside: int
     occupied: int
     fragments: int | None
     odd_columns: int | None
@@ -128,6 +130,7 @@ class Summary:
         stats = message.stats
         return Summary(
             triangles=stats.triangles,
+            triangles_outside=stats.triangles_outside,
             occupied=stats.occupied,
             fragments=_optional(stats, "fragments"),
             odd_columns=_optional(stats, "odd_columns"),

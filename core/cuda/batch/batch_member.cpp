@@ -136,6 +136,7 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
   const double begin = WallMs();
   const absl::StatusOr<MeshExtent> extent = ShadeHostMesh(*member->host);
   if (!extent.ok()) return nullptr;
+  member->stats.triangles_outside = extent->triangles_outside;
   member->stats.stages.emplace_back("vertex_shade", WallMs() - begin);
   const MeshSize size{item.mesh->triangles.size(), item.mesh->positions.size(), *extent};
   const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {

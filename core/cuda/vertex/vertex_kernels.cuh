@@ -45,10 +45,11 @@ __global__ void __launch_bounds__(kVertexThreads) ShadeVertices(const __grid_con
 
 // Partial results of MeshExtent: the bounding box of the vertices that triangles use, and SurfaceSums.
 struct Surface {
-  // Layout of `number`: three numbers each, except the last three: the signed volume relative to the mesh's first used
-  // vertex; the weighted number of triangles; the number of triangles with a non-finite vertex.
+  // Layout of `number`: three numbers each, except the last four: the signed volume relative to the mesh's first used
+  // vertex; the weighted number of triangles; the number of triangles with a non-finite vertex, and of those outside of
+  // the window.
   static constexpr int kMin = 0, kMax = 3, kArea = 6, kDominant = 9, kWidth = 12, kNormal = 15, kVolume = 18,
-                       kTriangles = 19, kBad = 20, kNumbers = 21;
+                       kTriangles = 19, kBad = 20, kOutside = 21, kNumbers = 22;
   double number[kNumbers];
 };
 
@@ -89,7 +90,7 @@ struct MeasureArgs {
   const Vec3d* positions = nullptr;
   const uint32_t* triangles = nullptr;  // three indices per triangle
   uint64_t count = 0;
-  GridWindow window;  // for Sums::kInWindow
+  GridWindow window;
   Surface* of_blocks = nullptr;
 };
 
@@ -107,13 +108,17 @@ __global__ void __launch_bounds__(kMeasureThreads) MeasureTriangles(const Measur
     const uint32_t* const v = args.triangles + 3 * t;
     const Vec3d a = args.positions[v[0]], b = args.positions[v[1]], c = args.positions[v[2]];
     bool finite = true;
+    Vec3d min, max;
 #pragma unroll
     for (int i = 0; i < 3; ++i) {
       finite = finite && a[i] - a[i] == 0 && b[i] - b[i] == 0 && c[i] - c[i] == 0;
-      s.number[Surface::kMin + i] = Min(s.number[Surface::kMin + i], Min(a[i], Min(b[i], c[i])));
-      s.number[Surface::kMax + i] = Max(s.number[Surface::kMax + i], Max(a[i], Max(b[i], c[i])));
+      min[i] = Min(a[i], Min(b[i], c[i]));
+      max[i] = Max(a[i], Max(b[i], c[i]));
+      s.number[Surface::kMin + i] = Min(s.number[Surface::kMin + i], min[i]);
+      s.number[Surface::kMax + i] = Max(s.number[Surface::kMax + i], max[i]);
     }
     if (!finite) s.number[Surface::kBad] += 1;
+    if (args.window.Misses(min, max)) s.number[Surface::kOutside] += 1;
     if constexpr (kSums != Sums::kNone) {
       const WeighedTriangle part = scale.Weigh(a, b, c);
       const Vec3d n = Cross(b - a, c - a);

@@ -67,6 +67,7 @@ absl::StatusOr<std::optional<MeshExtent>> MeasureOnDevice(RunState& state) {
     extent.box.min[a] += 0.0;
     extent.box.max[a] += 0.0;
   }
+  extent.triangles_outside = uint64_t(s.number[Surface::kOutside]);
   if (!sums) return std::optional(extent);
   SurfaceSums made;
   made.triangles = s.number[Surface::kTriangles];

@@ -96,7 +96,7 @@ double Fragments(const Sums& sums, Coverage coverage, double touched) {
 GridWindow WindowOf(const GridRequest& request) {
   GridWindow window;
   if (request.voxel_size) window.voxel_size = *request.voxel_size;
-  if (!request.dims) return window;
+  if (!request.given()) return window;
   const absl::StatusOr<GridSpec> grid = FitGrid(request, {});
   if (!grid.ok()) return window;  // who plans says why
   window.origin = grid->origin;

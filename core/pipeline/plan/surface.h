@@ -13,7 +13,8 @@ namespace voxelpipe {
 
 // Where a shaded mesh lies and how large its surface is, in world units.
 struct MeshExtent {
-  Box3d box;  // of the vertices that triangles use
+  Box3d box;                       // of the vertices that triangles use
+  uint64_t triangles_outside = 0;  // whose boxes lie beside the grid that the request gives; 0 where it is fitted
   // What the stages hold of the mesh besides the caller's: what the vertex shader made of the vertices, and copies on
   // their way to a device and there. 0 where the shader left the vertices alone, or did not run.
   uint64_t held_bytes = 0;
@@ -22,7 +23,7 @@ struct MeshExtent {
   std::optional<SurfaceSums> sums;
 };
 
-// The grid of a request that says it whole, and so before the mesh's box is known.
+// The grid of a request that gives it (GridRequest::given), and so before the mesh's box is known.
 GridWindow WindowOf(const GridRequest& request);
 
 struct MeshSize {

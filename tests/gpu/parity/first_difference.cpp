@@ -77,6 +77,8 @@ std::optional<std::string> FirstDifference(const Delivered& a, const Delivered& 
   }
   if (a.stats.occupied != b.stats.occupied)
     return absl::StrCat("occupied: ", a.stats.occupied, " and ", b.stats.occupied);
+  if (a.stats.triangles_outside != b.stats.triangles_outside)
+    return absl::StrCat("triangles_outside: ", a.stats.triangles_outside, " and ", b.stats.triangles_outside);
   if (a.stats.odd_columns != b.stats.odd_columns)
     return absl::StrCat("odd_columns: ", Count(a.stats.odd_columns), " and ", Count(b.stats.odd_columns));
   if (a.stats.fragments && b.stats.fragments && *a.stats.fragments != *b.stats.fragments)

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "job/memory_sink.h"
 #include "pipeline/batch.h"
 #include "pipeline/estimate.h"
@@ -193,6 +195,39 @@ TEST(Warnings, AGridThatNoTriangleReachesIsSaidWithBothBoxes) {
   for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
 }
 
+TEST(Summary, TrianglesBesideAGridThatIsGivenAreCounted) {
+  const TriangleMesh mesh = testing::Cube(4);  // 12 triangles
+  VoxelizeRequest request = Request("normal");
+  for (const auto& stats : RunAll(mesh, request)) {
+    ASSERT_TRUE(stats.ok()) << stats.status();
+    EXPECT_EQ(stats->triangles_outside, 0u) << "fitted";
+  }
+  Vec3d min{1e9, 1e9, 1e9}, max = min * -1.0;
+  for (const Vec3d& p : mesh.positions) {
+    for (int a = 0; a < 3; ++a) {
+      min[a] = std::min(min[a], p[a]);
+      max[a] = std::max(max[a], p[a]);
+    }
+  }
+  const Vec3d size = max - min;
+  request.grid.dims = {4, 4, 4};
+  request.grid.voxel_size = size * 0.5;
+  const auto outside = [&](const Vec3d& origin) {
+    request.grid.origin = origin;
+    std::vector<uint64_t> counts;
+    for (const auto& stats : RunAll(mesh, request)) counts.push_back(stats.ok() ? stats->triangles_outside : ~0ull);
+    for (const uint64_t count : counts) EXPECT_EQ(count, counts[0]);
+    return counts[0];
+  };
+  EXPECT_EQ(outside(min), 0u);
+  EXPECT_EQ(outside(min + size * 3.0), 12u);
+  EXPECT_EQ(outside({min.x + size.x * 0.5, min.y, min.z}), 2u) << "the face at the lower end of x";
+  EXPECT_EQ(outside({max.x, min.y, min.z}), 2u) << "touching is not outside";
+  request.vertex_shader = {"transform", {{"matrix", {1, 0, 0, 100, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}}}};
+  EXPECT_EQ(outside(min), 12u) << "after the vertex shader";
+  EXPECT_EQ(outside({min.x + 100, min.y, min.z}), 0u);
+}
+
 TEST(Warnings, FractionsThatBecomeWholeNumbersAreSaid) {
   const TriangleMesh mesh = testing::Cube(4);
   VoxelizeRequest request = Request("normal");
@@ -205,6 +240,9 @@ TEST(Warnings, FractionsThatBecomeWholeNumbersAreSaid) {
   request.targets[0].scale = 255;
   for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
   request.targets[0].scale.reset();
+  request.targets[0].encoding = Encoding::kSnorm;
+  for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
+  request.targets[0].encoding = Encoding::kLinear;
   request.targets[0].shader.name = "metallic_roughness";  // scaled as colours are
   for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
 }

@@ -196,6 +196,9 @@ TEST(RequestTest, FillNumbersAndEncodingSurvive) {
     target.fill_values = fill;
     request.targets.push_back(target);
   }
+  target.encoding = Encoding::kSnorm;
+  target.shader.name = "normal";
+  request.targets.push_back(target);
   ExpectEqual(RoundTrip(request)->request, request);
   v1::VoxelizeConfig config;
   config.add_targets()->set_fill_value(1);

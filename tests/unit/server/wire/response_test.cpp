@@ -63,6 +63,7 @@ TEST(ResponseTest, StatisticsSurvive) {
   stats.fragments = uint64_t{1} << 33;
   stats.occupied = 5;
   stats.odd_columns = 0;  // 0 and absent differ
+  stats.triangles_outside = 3;
   stats.backend = "cpu";
   stats.simd = "avx2";
   stats.path = {"occupancy", "owners in bricks"};
@@ -74,6 +75,7 @@ TEST(ResponseTest, StatisticsSurvive) {
   EXPECT_EQ(back.fragments, stats.fragments);
   EXPECT_EQ(back.occupied, stats.occupied);
   EXPECT_EQ(back.odd_columns, stats.odd_columns);
+  EXPECT_EQ(back.triangles_outside, 3u);
   EXPECT_EQ(back.backend, stats.backend);
   EXPECT_EQ(back.simd, stats.simd);
   EXPECT_EQ(back.path, stats.path);
