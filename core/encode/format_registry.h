@@ -10,6 +10,7 @@
 
 #include "absl/status/status.h"
 #include "encode/result_file.h"
+#include "job/request.h"
 
 namespace voxelpipe {
 
@@ -29,6 +30,7 @@ struct OutputFormat {
   TargetPlaces targets = TargetPlaces::kTogether;
   bool standard_output = true;  // can be written front to back
   bool directory = false;       // the output is a directory
+  bool colours = false;         // shows colours: a request without targets gets UseColours
   bool whole = false;           // the writer collects the result in memory before it writes
   // In: a path, empty for standard output, and a job, which may be null and must outlive the writer. Out: a writer
   // whose Begin creates the file. Null for pictures, which are drawn from whole results (png_preview.h).
@@ -45,6 +47,10 @@ struct OutputFormat {
 
 // All formats of this build, in the order in which they are named.
 std::span<const OutputFormat> OutputFormats();
+
+// For a file that shows colours, of a request that names neither targets nor a shader: sets its target to base_color in
+// sRGB, filled voxels grey. Meshes without colours look in such files as if their voxels were bits (png_preview.h).
+void UseColours(VoxelizeRequest& request);
 
 // The format of an extension (".npy", lower case); null if there is none.
 const OutputFormat* FindFormat(std::string_view extension);

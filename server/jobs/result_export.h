@@ -31,10 +31,10 @@ class ResultExport {
   virtual absl::StatusOr<uint64_t> Close(JobOutcome& outcome) = 0;
 };
 
-// Makes the export of a job, before its mesh is loaded. `job` outlives the export. INVALID_ARGUMENT if a result of such
-// a request cannot be exported.
+// Makes the export of a job, before its mesh is loaded. May fill in what the request leaves open. `job` outlives the
+// export. INVALID_ARGUMENT if a result of such a request cannot be exported.
 using MakeExport =
-    std::function<absl::StatusOr<std::unique_ptr<ResultExport>>(const ParsedConfig& config, const JobContext& job)>;
+    std::function<absl::StatusOr<std::unique_ptr<ResultExport>>(ParsedConfig& config, const JobContext& job)>;
 
 // Exports that another part of this process offers to a call that it makes over an in-process channel: a ticket travels
 // in the call's metadata. Tickets cannot be guessed, so the same key in a call from elsewhere has no effect.

@@ -102,11 +102,14 @@ absl::StatusOr<bool> SetOption(const std::string& key, const json& value, Reques
                                                                        {"vertex_shader", &options.vertex_shader},
                                                                        {"grid_like", &options.grid_like},
                                                                        {"axes", &options.axes},
-                                                                       {"clip", &options.clip}};
+                                                                       {"clip", &options.clip},
+                                                                       {"result", &options.result}};
   if (const auto found = optional.find(key); found != optional.end()) return set(*found->second);
-  const std::map<std::string, std::string*> plain = {{"coverage", &options.coverage}, {"fill", &options.fill},
-                                                     {"layout", &options.layout},     {"result", &options.result},
-                                                     {"backend", &options.backend},   {"simd", &options.simd}};
+  const std::map<std::string, std::string*> plain = {{"coverage", &options.coverage},
+                                                     {"fill", &options.fill},
+                                                     {"layout", &options.layout},
+                                                     {"backend", &options.backend},
+                                                     {"simd", &options.simd}};
   if (const auto found = plain.find(key); found != plain.end()) return set(*found->second);
   if (key == "target" || key == "targets") {
     absl::StatusOr<std::vector<std::string>> targets = AsTexts(key, value);
@@ -157,6 +160,10 @@ void DropOtherGrids(const json& object, RequestOptions& options) {
   } else if (gives("voxel_size", "voxel-size")) {
     options.resolution.reset();
     options.fit.reset();
+    if (!gives("origin", "origin") && !options.origin) options.dims.reset();
+  } else if (gives("dims", "dims")) {
+    options.resolution.reset();
+    options.fit.reset();
   }
 }
 
@@ -203,9 +210,10 @@ std::string Canonical(const RequestOptions& options) {
                  {"vertex_shader", text(options.vertex_shader)},
                  {"targets", options.targets},
                  {"layout", options.layout},
-                 {"result", options.result}};
+                 {"result", options.result.value_or("dense")}};
   // Only if set, so that earlier records stay valid.
   if (options.strict) canonical["strict"] = true;
+  if (options.colours) canonical["colours"] = true;
   if (options.clip) canonical["clip"] = *options.clip;
   if (options.axes) canonical["axes"] = *options.axes;
   if (options.grid_like) canonical["grid_like"] = *options.grid_like;  // in no digest: those have its grid
@@ -241,6 +249,9 @@ class Reader {
     }
     if (!names.input) return Wrong("'input' is missing");
     if (IsStandardStream(*names.input)) return Wrong("'input': '-' is standard input; name a file (./- has this name)");
+    const std::string format = names.format.value_or(defaults_.format.value_or(""));
+    const std::string of_name = names.output ? FileExtension(*names.output) : "";
+    UseColoursIn(of_name.empty() ? FileExtension("x." + format) : of_name, options);
     absl::StatusOr<std::shared_ptr<const BatchRequest>> request = Prepare(options);
     if (!request.ok()) return request.status();
     BatchItem item;

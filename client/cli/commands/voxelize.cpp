@@ -8,6 +8,7 @@
 #include "base/text.h"
 #include "commands/commands.h"
 #include "commands/progress_view.h"
+#include "encode/encode.h"
 #include "encode/format_registry.h"
 #include "engine/engine.h"
 #include "engine/interrupt.h"
@@ -67,11 +68,7 @@ absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputP
 
 // Standard input is read once, and a terminal is no place for a mesh or a result.
 absl::Status CheckStreams(const VoxelizeArguments& arguments) {
-  const auto streams = std::count_if(arguments.inputs.begin(), arguments.inputs.end(), &IsStandardStream);
-  if (streams > 1) return absl::InvalidArgumentError("'-' is standard input, which holds one mesh; give it once");
-  if (streams == 1) {
-    if (absl::Status s = CheckStandardInput(); !s.ok()) return s;
-  }
+  if (absl::Status s = CheckInputStream(arguments.inputs); !s.ok()) return s;
   return IsStandardStream(arguments.names.output) ? CheckStandardOutput() : absl::OkStatus();
 }
 
@@ -79,12 +76,19 @@ bool TakesAFileEach(const OutputFormat& format) {
   return format.targets == TargetPlaces::kFileEach;
 }
 
-int Voxelize(const VoxelizeArguments& arguments) {
+// The extension of the files that results go to; of the picture where there is nothing else.
+std::string ExtensionOf(const OutputNames& names) {
+  if (!names.format.empty()) return FileExtension("x." + names.format);
+  return FileExtension(names.output.empty() ? names.preview : names.output);
+}
+
+int Voxelize(VoxelizeArguments arguments) {
   const auto wrong_option = [](const absl::Status& status) {
     PrintError("", status);
     return 2;
   };
   if (arguments.repeat < 1) return wrong_option(absl::InvalidArgumentError("--repeat: at least 1"));
+  UseColoursIn(ExtensionOf(arguments.names), arguments.request);
   const absl::StatusOr<VoxelizeRequest> request = BuildRequest(arguments.request);
   if (!request.ok()) return wrong_option(request.status());
   const absl::StatusOr<InputList> inputs = ExpandInputs(arguments.inputs, arguments.recursive);

@@ -34,7 +34,9 @@ void AddGridOptions(Command& command, RequestOptions& request) {
   };
   add("--resolution", request.resolution, "N", "Voxels along the longest extent (default 128)");
   add("--voxel-size", request.voxel_size, "H[,HY,HZ]", "Voxel size, one for all axes or three, in the mesh's units");
-  add("--dims", request.dims, "X,Y,Z", "Dims of a grid that --dims, --origin and --voxel-size give together");
+  add("--dims", request.dims, "X,Y,Z",
+      "Voxels along each axis. Alone: the mesh is centred in them, in cubic voxels. With --origin and --voxel-size: "
+      "the grid itself");
   add("--origin", request.origin, "X,Y,Z", "Origin of that grid: the corner of its first voxel");
   add("--grid-like", request.grid_like, "FILE",
       "The grid of an earlier result: an OUT.raw.json, a summary of --json, or an .npz of this program");
@@ -69,9 +71,8 @@ void AddShadingOptions(Command& command, RequestOptions& request) {
       "default those of the shader (1 for bit and count). BLEND "
       "or, and, replace, first, count for bit; also min, max, add, average for integers; all but or, and for floats. k "
       "is shader, scale (integers), quantum (add and average of floats), clear, fill (V or one a component, A/B/C; "
-      "default: the shader's value without a triangle, else clear), encoding (linear or srgb, for colours in u8), "
-      "or a "
-      "parameter of the shader. "
+      "default: the shader's value without a triangle, else clear), encoding (linear; srgb for colours in u8; "
+      "snorm for normals and tangents in u8 and u16), or a parameter of the shader. "
       "Default: bit:or with shader occupancy; with another --shader f32xC:replace, C the components of the shader")
       .Repeatable();
   add("--layout", request.layout, "interleaved|planar", "Order of components (default interleaved)");

@@ -7,6 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "base/nearest_name.h"
+#include "encode/format_registry.h"
 #include "options/axes.h"
 #include "options/grid_like.h"
 #include "options/parse.h"
@@ -47,7 +48,7 @@ absl::Status Choose(const char* option, const std::string& text,
 absl::Status ClipGrid(const RequestOptions& options, GridRequest& grid) {
   std::optional<Box3d> box;
   if (absl::Status s = Read("--clip", options.clip, &ParseBox, box); !s.ok() || !box) return s;
-  if (grid.dims) {
+  if (grid.given()) {
     return absl::InvalidArgumentError("--clip: --dims and --origin give a grid already; leave them out, or --clip");
   }
   const absl::StatusOr<GridSpec> fitted = FitGrid(grid, *box);
@@ -66,11 +67,16 @@ absl::Status BuildGrid(const RequestOptions& options, GridRequest& grid) {
   if (options.resolution && options.voxel_size) {
     return absl::InvalidArgumentError("--resolution and --voxel-size exclude each other");
   }
-  if (grid.dims.has_value() != grid.origin.has_value() || (grid.dims && !grid.voxel_size)) {
-    return absl::InvalidArgumentError("--dims, --origin and --voxel-size go together: give all three");
+  if (options.resolution && options.dims) {
+    return absl::InvalidArgumentError("--resolution and --dims exclude each other");
   }
-  if (options.fit && options.voxel_size) {
-    return absl::InvalidArgumentError("--fit goes with --resolution, not with --voxel-size");
+  if (!grid.given() && (grid.origin || (grid.dims && grid.voxel_size))) {
+    return absl::InvalidArgumentError(
+        "--dims, --origin and --voxel-size go together: give all three, or --dims alone for a grid that fits the mesh");
+  }
+  if (options.fit && (options.voxel_size || options.dims)) {
+    return absl::InvalidArgumentError(
+        absl::StrCat("--fit goes with --resolution, not with ", options.voxel_size ? "--voxel-size" : "--dims"));
   }
   if (options.resolution) {
     if (*options.resolution < 1) return absl::InvalidArgumentError("--resolution: at least 1 voxel");
@@ -87,6 +93,13 @@ absl::Status BuildGrid(const RequestOptions& options, GridRequest& grid) {
 }
 
 }  // namespace
+
+void UseColoursIn(std::string_view extension, RequestOptions& options) {
+  const OutputFormat* const format = FindFormat(extension);
+  if (format == nullptr || !format->colours || !options.targets.empty() || options.shader) return;
+  options.colours = true;
+  if (!options.result) options.result = "sparse";
+}
 
 absl::StatusOr<RequestOptions> WithGridLike(RequestOptions options) {
   if (!options.grid_like) return options;
@@ -132,7 +145,7 @@ absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& given) {
   if (absl::Status s = Choose("--layout", options.layout, kLayouts, request.layout); !s.ok()) return s;
   constexpr std::array<std::pair<const char*, ResultKind>, 3> kKinds = {
       {{"dense", ResultKind::kDense}, {"sparse", ResultKind::kSparse}, {"buckets", ResultKind::kBuckets}}};
-  if (absl::Status s = Choose("--result", options.result, kKinds, request.result); !s.ok()) return s;
+  if (absl::Status s = Choose("--result", options.result.value_or("dense"), kKinds, request.result); !s.ok()) return s;
   constexpr std::array<std::pair<const char*, SimdChoice>, 4> kSimds = {{{"auto", SimdChoice::kAuto},
                                                                          {"avx512", SimdChoice::kAvx512},
                                                                          {"avx2", SimdChoice::kAvx2},
@@ -160,6 +173,7 @@ absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& given) {
   absl::StatusOr<std::vector<TargetSpec>> targets = ResolveTargets(options.targets, options.shader);
   if (!targets.ok()) return AtOption(options.targets.empty() ? "--shader" : "--target", targets.status());
   request.targets = *std::move(targets);
+  if (options.colours) UseColours(request);
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   return request;
 }

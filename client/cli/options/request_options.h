@@ -26,12 +26,17 @@ struct RequestOptions {
   std::optional<std::string> vertex_shader{};
   std::vector<std::string> targets{};
   std::string layout = "interleaved";
-  std::string result = "dense";
+  std::optional<std::string> result{};
   std::string backend = "auto";
   std::string simd = "auto";
   int threads = 0;
   bool strict = false;
+  bool colours = false;  // the file shows them (UseColoursIn)
 };
+
+// In: the extension of the file that the result goes to. Where it shows colours and the options give neither target nor
+// shader: sets `colours`, and sparse results, which hold what such a file shows, unless a kind is given.
+void UseColoursIn(std::string_view extension, RequestOptions& options);
 
 // INVALID_ARGUMENT naming the option at fault: a text that cannot be parsed, options that exclude each other, a shader,
 // blend or parameter that does not exist.

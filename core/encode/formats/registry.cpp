@@ -62,6 +62,7 @@ OutputFormat Collected(OutputFormat format) {
 OutputFormat Drawn(OutputFormat format) {
   format.buckets = true;
   format.targets = TargetPlaces::kDrawn;
+  format.colours = format.name != "binvox";
   return Collected(format);
 }
 
@@ -127,10 +128,11 @@ const std::vector<OutputFormat>& List() {
     list.push_back(Collected({.name = "vdb", .extension = ".vdb", .title = "OpenVDB", .open = &MakeVdbFile}));
 #endif
 #ifdef VOXELPIPE_HAVE_VIEWER
-    list.push_back(
-        Collected({.name = "html", .extension = ".html", .title = "page with a viewer", .open = &MakeHtmlFile}));
+    list.push_back(Collected(
+        {.name = "html", .extension = ".html", .title = "page with a viewer", .colours = true, .open = &MakeHtmlFile}));
 #endif
-    list.push_back({.name = "png", .extension = ".png", .title = "picture", .sparse = true, .buckets = true});
+    list.push_back(
+        {.name = "png", .extension = ".png", .title = "picture", .sparse = true, .buckets = true, .colours = true});
     return list;
   }();
   return formats;
@@ -149,6 +151,17 @@ std::string Joined(const std::vector<std::string_view>& words) {
 
 std::span<const OutputFormat> OutputFormats() {
   return List();
+}
+
+void UseColours(VoxelizeRequest& request) {
+  request.targets.assign(1, TargetSpec{});
+  TargetSpec& target = request.targets.front();
+  target.format = VoxelFormat::kU8;
+  target.encoding = Encoding::kSrgb;
+  target.components = 4;
+  target.blend = Blend::kReplace;
+  target.shader = {"base_color", {}};
+  if (request.fill != Fill::kNone) target.fill_values = {0xb4, 0xc2, 0xd0, 0xff};  // InsideColour
 }
 
 const OutputFormat* FindFormat(std::string_view extension) {

@@ -89,12 +89,16 @@ class FileExport final : public ResultExport, private ResultSink {
 }  // namespace
 
 MakeExport ExportTo(std::shared_ptr<ExportedFile> file) {
-  return [file = std::move(file)](const ParsedConfig& config,
+  return [file = std::move(file)](ParsedConfig& config,
                                   const JobContext& job) -> absl::StatusOr<std::unique_ptr<ResultExport>> {
     if (config.settings.compression != Compression::kNone) {
       return absl::InvalidArgumentError("config.compression: a file needs NONE; its format compresses by itself");
     }
-    const VoxelizeRequest& request = config.request;
+    VoxelizeRequest& request = config.request;
+    if (config.default_targets && file->format.colours) {
+      UseColours(request);
+      if (config.default_result) request.result = ResultKind::kSparse;
+    }
     if (absl::Status s = CheckHolds(file->format.extension, request.result, request.targets.size()); !s.ok()) return s;
     return std::make_unique<FileExport>(file, config.settings.content_hash, job);
   };

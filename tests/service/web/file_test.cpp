@@ -84,10 +84,26 @@ TEST_F(FileTest, EqualsTheCommandLines) {
     EXPECT_TRUE(reply.complete);
     const std::string name = std::string("result.") + format;
     EXPECT_EQ(reply.Header("content-disposition"), "attachment; filename=\"" + name + "\"");
-    EXPECT_TRUE(reply.body == Contents(OfCommandLine(name, {"--resolution", "64"}))) << format;
+    EXPECT_TRUE(reply.body == Contents(OfCommandLine(name, {"--resolution", "64", "--target", "bit:or"}))) << format;
     EXPECT_GT(reply.body.size(), 300u);
   }
   EXPECT_TRUE(NothingIsLeft());
+}
+
+TEST_F(FileTest, WhatTheRequestLeavesOpenFollowsTheFormatAsInTheCommandLine) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  VoxelizeRequest request = SmallRequest();
+  request.grid.resolution = 24;
+  request.fill = Fill::kParity;
+  auto message = Message(torus_, request);
+  message.mutable_config()->clear_targets();
+  message.mutable_config()->clear_result();
+  for (const char* const format : {"npy", "png", "vox", "glb"}) {
+    const HttpReply reply = FileOf(format, message.SerializeAsString());
+    ASSERT_EQ(reply.code, 200) << format << ": " << reply.body;
+    const std::string name = std::string("open.") + format;
+    EXPECT_TRUE(reply.body == Contents(OfCommandLine(name, {"--resolution", "24", "--fill", "parity"}))) << format;
+  }
 }
 
 TEST_F(FileTest, OfManyPieces) {

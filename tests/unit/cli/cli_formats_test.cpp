@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "cli_runner.h"
+#include "encode/format_registry.h"
 #include "support/json/json.h"
 #include "support/meshes/glb_builder.h"
 #include "support/meshes/zip_maker.h"
@@ -110,6 +111,39 @@ TEST_F(CliFormats, MaterialsAndTexturesAreReadBesideAnObj) {
                                  {"--shader", "constant:value=1/0/0", "--target", "u8x3:replace:scale=255"});
   EXPECT_EQ(red["warnings"], json::array());
   EXPECT_EQ(red["hash"], expected["hash"]);
+}
+
+// A file that shows colours has those of the mesh, by default; one of a mesh without colours is as it would be of bits.
+TEST_F(CliFormats, DrawnFilesHaveTheColoursOfTheMesh) {
+  Write("all.mtl", "newmtl red\nKd 1 0 0\n");
+  const std::string plain = Write("plain.obj", kTetrahedron);
+  const std::string red = Write("red.obj", std::string("mtllib all.mtl\nusemtl red\n") + kTetrahedron);
+  const auto written = [&](const std::string& mesh, const std::string& name, std::vector<std::string> more) {
+    more.insert(more.end(), {"-o", directory_ / name});
+    Voxelize(mesh, more);
+    return testing::ReadFile(directory_ / name);
+  };
+  for (const std::string extension : {".vox", ".glb", ".merged.glb", ".png", ".html"}) {
+    if (FindFormat(extension) == nullptr) continue;  // not in this build
+    for (const char* fill : {"none", "parity"}) {
+      SCOPED_TRACE(extension + " " + fill);
+      const std::vector<std::string> filled = {"--fill", fill};
+      auto bits = filled, asked = filled;
+      bits.insert(bits.end(), {"--target", "bit:or", "--result", "sparse"});
+      asked.insert(asked.end(), {"--target", "u8x4:replace:shader=base_color,encoding=srgb,fill=180/194/208/255",
+                                 "--result", "sparse"});
+      if (extension != ".html") {
+        EXPECT_EQ(written(plain, "a" + extension, filled), written(plain, "b" + extension, bits));
+      }
+      const auto of_red = written(red, "c" + extension, filled);
+      EXPECT_EQ(of_red, written(red, "d" + extension, asked));
+      EXPECT_NE(of_red, written(red, "e" + extension, bits));
+    }
+  }
+  // Other files have what they had.
+  EXPECT_EQ(Voxelize(red, {"-o", directory_ / "f.npz"})["path"], Voxelize(red, {"--target", "bit:or"})["path"]);
+  EXPECT_EQ(Voxelize(red, {"-o", directory_ / "f.vox"})["result"], "sparse");
+  EXPECT_EQ(Voxelize(red, {"-o", directory_ / "f.vox", "--result", "dense"})["result"], "dense");
 }
 
 TEST_F(CliFormats, ABatchTakesUnitsByItem) {

@@ -99,7 +99,9 @@ def _made(
             return errors.QuotaExceeded(message, subject=subject, retry_after=delay, **common)
         return errors.Overloaded(message, retry_after=delay, **common)
     if code == "UNAVAILABLE":
-        return errors.Unavailable(f"{target}: {message}", retry_after=delay, **common)
+        one_side = "failed to connect" in message and "socket closed" in message.lower()
+        hint = " (TLS on one side only?)" if one_side else ""
+        return errors.Unavailable(f"{target}: {message}{hint}", retry_after=delay, **common)
     if code == "NOT_FOUND":
         name = found["ResourceInfo"].resource_name if "ResourceInfo" in found else ""
         return errors.MeshNotFound(message, mesh_id=name, **common)

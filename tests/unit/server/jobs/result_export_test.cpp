@@ -15,7 +15,8 @@ MakeExport Failing(const std::string& with) {
 }
 
 std::string TextOf(const MakeExport& make) {
-  return make ? std::string(make({}, {}).status().message()) : "none";
+  ParsedConfig config;
+  return make ? std::string(make(config, {}).status().message()) : "none";
 }
 
 TEST(ResultExportsTest, AreTakenOnceWithTheirOwnTicket) {
