@@ -30,7 +30,7 @@ struct OutputFormat {
   TargetPlaces targets = TargetPlaces::kTogether;
   bool standard_output = true;  // can be written front to back
   bool directory = false;       // the output is a directory
-  bool colours = false;         // shows colours: a request without targets gets UseColours
+  bool colours = false;         // shows the colours of the mesh (UseDefaultsOf)
   bool whole = false;           // the writer collects the result in memory before it writes
   // In: a path, empty for standard output, and a job, which may be null and must outlive the writer. Out: a writer
   // whose Begin creates the file. Null for pictures, which are drawn from whole results (png_preview.h).
@@ -48,9 +48,11 @@ struct OutputFormat {
 // All formats of this build, in the order in which they are named.
 std::span<const OutputFormat> OutputFormats();
 
-// For a file that shows colours, of a request that names neither targets nor a shader: sets its target to base_color in
-// sRGB, filled voxels grey. Meshes without colours look in such files as if their voxels were bits (png_preview.h).
-void UseColours(VoxelizeRequest& request);
+// What a request leaves open, for a file of this format. `open_targets`: it names neither targets nor a shader;
+// `open_result`: no kind of result. A format that collects the result gets a sparse one, in which a voxel is solid
+// whatever its value. One that shows colours gets base_color in sRGB, white where the mesh has none and inside a fill;
+// but bits where nothing is covered.
+void UseDefaultsOf(const OutputFormat& format, bool open_targets, bool open_result, VoxelizeRequest& request);
 
 // The format of an extension (".npy", lower case); null if there is none.
 const OutputFormat* FindFormat(std::string_view extension);

@@ -24,13 +24,13 @@ struct PreviewOptions {
 // linear RGB (integers over their `scale`, by default their largest value; unit vectors of the normal shaders mapped to
 // [0, 1]; of velocities the length, through a colour map); otherwise the first other target that is not bits through a
 // colour map from its smallest to its largest value other than `clear`; otherwise, of buckets, the number of fragments
-// through that map, from 1 to the largest on a logarithmic scale; otherwise one clay colour, which base_color in sRGB
-// has, too, if all of it is white: the mesh has no colours. Voxels inside a solid that hold `clear` have a pale blue of
-// their own. Normals for lighting: those of a u16, u32 or f32 target of `packed_normal` (blends replace, first, min,
-// max), otherwise those of the voxels' shape. Out: the picture, sRGB, from options.view. The slices are those of index
-// n/2, as DrawSlices draws them: x seen from +X, y from +Y, z from +Z. The picture does not depend on the number of
-// threads. Time: linear in the pixels, and one pass over the bits of the voxels. Errors: INVALID_ARGUMENT for options
-// out of range or a result without targets; CANCELLED; DEADLINE_EXCEEDED; RESOURCE_EXHAUSTED out of memory.
+// through that map, from 1 to the largest on a logarithmic scale; otherwise one clay colour. Voxels inside a solid that
+// hold `clear` have a pale blue of their own. Normals for lighting: those of a u16, u32 or f32 target of
+// `packed_normal` (blends replace, first, min, max), otherwise those of the voxels' shape. Out: the picture, sRGB, from
+// options.view. The slices are those of index n/2, as DrawSlices draws them: x seen from +X, y from +Y, z from +Z. The
+// picture does not depend on the number of threads. Time: linear in the pixels, and one pass over the bits of the
+// voxels. Errors: INVALID_ARGUMENT for options out of range or a result without targets; CANCELLED; DEADLINE_EXCEEDED;
+// RESOURCE_EXHAUSTED out of memory.
 absl::StatusOr<Picture> RenderPreview(const VoxelizeResult& result, const PreviewOptions& options = {},
                                       const JobContext* job = nullptr);
 

@@ -213,7 +213,9 @@ std::string Canonical(const RequestOptions& options) {
                  {"result", options.result.value_or("dense")}};
   // Only if set, so that earlier records stay valid.
   if (options.strict) canonical["strict"] = true;
-  if (options.colours) canonical["colours"] = true;
+  const OutputFormat* const format = FindFormat(options.output_extension);
+  const bool open = !options.result || (options.targets.empty() && !options.shader);
+  if (open && format != nullptr && (format->whole || format->picture())) canonical["format"] = format->name;
   if (options.clip) canonical["clip"] = *options.clip;
   if (options.axes) canonical["axes"] = *options.axes;
   if (options.grid_like) canonical["grid_like"] = *options.grid_like;  // in no digest: those have its grid
@@ -251,7 +253,7 @@ class Reader {
     if (IsStandardStream(*names.input)) return Wrong("'input': '-' is standard input; name a file (./- has this name)");
     const std::string format = names.format.value_or(defaults_.format.value_or(""));
     const std::string of_name = names.output ? FileExtension(*names.output) : "";
-    UseColoursIn(of_name.empty() ? FileExtension("x." + format) : of_name, options);
+    options.output_extension = of_name.empty() ? FileExtension("x." + format) : of_name;
     absl::StatusOr<std::shared_ptr<const BatchRequest>> request = Prepare(options);
     if (!request.ok()) return request.status();
     BatchItem item;

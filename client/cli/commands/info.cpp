@@ -82,8 +82,8 @@ Lines InfoTable(const std::string& path, const MeshFacts& facts) {
   row("vertices", WithCommas(report.vertices));
   row("open edges",
       WithCommas(report.open_edges) + (report.open_edges == 0 && report.triangles > 0 ? " (closed)" : ""));
-  row("box", absl::StrFormat("%.6g %.6g %.6g to %.6g %.6g %.6g", report.min.x, report.min.y, report.min.z, report.max.x,
-                             report.max.y, report.max.z));
+  row("box", absl::StrFormat("%.10g %.10g %.10g to %.10g %.10g %.10g", report.min.x, report.min.y, report.min.z,
+                             report.max.x, report.max.y, report.max.z));
   const Vec3d size = report.max - report.min;
   row("size", absl::StrFormat("%.6g x %.6g x %.6g%s", size.x, size.y, size.z, contents.unit.empty() ? "" : " metres"));
   row("unit", UnitText(contents));

@@ -78,8 +78,8 @@ bool TakesAFileEach(const OutputFormat& format) {
 
 // The extension of the files that results go to; of the picture where there is nothing else.
 std::string ExtensionOf(const OutputNames& names) {
-  if (!names.format.empty()) return FileExtension("x." + names.format);
-  return FileExtension(names.output.empty() ? names.preview : names.output);
+  const std::string extension = FileExtension(names.output.empty() ? names.preview : names.output);
+  return extension.empty() ? FileExtension("x." + names.format) : extension;
 }
 
 int Voxelize(VoxelizeArguments arguments) {
@@ -88,7 +88,7 @@ int Voxelize(VoxelizeArguments arguments) {
     return 2;
   };
   if (arguments.repeat < 1) return wrong_option(absl::InvalidArgumentError("--repeat: at least 1"));
-  UseColoursIn(ExtensionOf(arguments.names), arguments.request);
+  arguments.request.output_extension = ExtensionOf(arguments.names);
   const absl::StatusOr<VoxelizeRequest> request = BuildRequest(arguments.request);
   if (!request.ok()) return wrong_option(request.status());
   const absl::StatusOr<InputList> inputs = ExpandInputs(arguments.inputs, arguments.recursive);

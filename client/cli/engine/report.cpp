@@ -173,7 +173,7 @@ Lines VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
   row("grid", absl::StrCat(dims[0], " x ", dims[1], " x ", dims[2], " voxels of ",
                            h.x == h.y && h.y == h.z ? absl::StrFormat("%.6g", h.x)
                                                     : absl::StrFormat("%.6g x %.6g x %.6g", h.x, h.y, h.z)));
-  row("origin", absl::StrFormat("%.6g %.6g %.6g", result.grid.origin.x, result.grid.origin.y, result.grid.origin.z));
+  row("origin", absl::StrFormat("%.10g %.10g %.10g", result.grid.origin.x, result.grid.origin.y, result.grid.origin.z));
   row("occupied",
       absl::StrCat(
           WithCommas(stats.occupied),

@@ -94,13 +94,6 @@ absl::Status BuildGrid(const RequestOptions& options, GridRequest& grid) {
 
 }  // namespace
 
-void UseColoursIn(std::string_view extension, RequestOptions& options) {
-  const OutputFormat* const format = FindFormat(extension);
-  if (format == nullptr || !format->colours || !options.targets.empty() || options.shader) return;
-  options.colours = true;
-  if (!options.result) options.result = "sparse";
-}
-
 absl::StatusOr<RequestOptions> WithGridLike(RequestOptions options) {
   if (!options.grid_like) return options;
   const std::string path = *std::exchange(options.grid_like, std::nullopt);
@@ -173,7 +166,9 @@ absl::StatusOr<VoxelizeRequest> BuildRequest(const RequestOptions& given) {
   absl::StatusOr<std::vector<TargetSpec>> targets = ResolveTargets(options.targets, options.shader);
   if (!targets.ok()) return AtOption(options.targets.empty() ? "--shader" : "--target", targets.status());
   request.targets = *std::move(targets);
-  if (options.colours) UseColours(request);
+  if (const OutputFormat* const format = FindFormat(options.output_extension); format != nullptr) {
+    UseDefaultsOf(*format, options.targets.empty() && !options.shader, !options.result, request);
+  }
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   return request;
 }

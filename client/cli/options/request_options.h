@@ -31,12 +31,9 @@ struct RequestOptions {
   std::string simd = "auto";
   int threads = 0;
   bool strict = false;
-  bool colours = false;  // the file shows them (UseColoursIn)
+  // Extension of the file that the result goes to, whose format gives what is left open (UseDefaultsOf); empty: none.
+  std::string output_extension{};
 };
-
-// In: the extension of the file that the result goes to. Where it shows colours and the options give neither target nor
-// shader: sets `colours`, and sparse results, which hold what such a file shows, unless a kind is given.
-void UseColoursIn(std::string_view extension, RequestOptions& options);
 
 // INVALID_ARGUMENT naming the option at fault: a text that cannot be parsed, options that exclude each other, a shader,
 // blend or parameter that does not exist.

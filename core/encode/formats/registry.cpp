@@ -153,7 +153,9 @@ std::span<const OutputFormat> OutputFormats() {
   return List();
 }
 
-void UseColours(VoxelizeRequest& request) {
+void UseDefaultsOf(const OutputFormat& format, bool open_targets, bool open_result, VoxelizeRequest& request) {
+  if (open_result && format.sparse && (format.whole || format.picture())) request.result = ResultKind::kSparse;
+  if (!open_targets || !format.colours || request.coverage == Coverage::kNone) return;
   request.targets.assign(1, TargetSpec{});
   TargetSpec& target = request.targets.front();
   target.format = VoxelFormat::kU8;
@@ -161,7 +163,7 @@ void UseColours(VoxelizeRequest& request) {
   target.components = 4;
   target.blend = Blend::kReplace;
   target.shader = {"base_color", {}};
-  if (request.fill != Fill::kNone) target.fill_values = {0xb4, 0xc2, 0xd0, 0xff};  // InsideColour
+  if (request.fill != Fill::kNone) target.fill_values = {255};
 }
 
 const OutputFormat* FindFormat(std::string_view extension) {

@@ -83,7 +83,6 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   const uint32_t cell = NumberToCell(spec.clear, spec.format);
   clear_ = IsInteger(spec.format) ? float(cell) : FloatOf(cell);
   encoding_ = spec.encoding;
-  const bool srgb = encoding_ == Encoding::kSrgb;
   if (spec.components < 3 || !(unit_ > 0)) {
     FindRange(result, job);
     if (low_ < high_) kind_ = Kind::kScalar;
@@ -93,18 +92,26 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
     if (!(low_ < high_)) kind_ = Kind::kPlain;
   } else if (spec.shader.name == "normal" || spec.shader.name == "geometric_normal" || encoding_ == Encoding::kSnorm) {
     kind_ = Kind::kUnitVector;
-  } else if (spec.shader.name != "base_color" || !srgb || !AllWhite(result, spec, job)) {
+  } else {
     kind_ = Kind::kLinearRgb;
   }
 }
 
-template <typename Found, typename Include, typename Join>
-Found PreviewColours::OverItems(const VoxelizeResult& result, const JobContext* job, const Found& none,
-                                const Include& include, const Join& join) const {
+void PreviewColours::FindRange(const VoxelizeResult& result, const JobContext* job) {
+  using Range = std::pair<float, float>;
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  const auto include = [this](Range& found, uint64_t item) {
+    const float value = NumberOf(item);
+    if (std::isfinite(value) && !IsClear(item)) found = {std::min(found.first, value), std::max(found.second, value)};
+  };
+  const auto join = [](const Range& a, const Range& b) {
+    return Range{std::min(a.first, b.first), std::max(a.second, b.second)};
+  };
+  Range range{kInfinity, -kInfinity};
   if (result.kind == ResultKind::kDense) {
-    return tbb::parallel_reduce(
-        tbb::blocked_range<int64_t>(0, volume_.layers()), none,
-        [&](const auto& layers, Found found) {
+    range = tbb::parallel_reduce(
+        tbb::blocked_range<int64_t>(0, volume_.layers()), range,
+        [&](const auto& layers, Range found) {
           if (!CheckJob(job).ok()) return found;
           JobPoll poll(job);
           for (int64_t layer = layers.begin(); layer < layers.end(); ++layer) {
@@ -117,50 +124,18 @@ Found PreviewColours::OverItems(const VoxelizeResult& result, const JobContext* 
           return found;
         },
         join);
+  } else {  // draws the listed voxels
+    range = tbb::parallel_reduce(
+        tbb::blocked_range<uint64_t>(0, items_.count(), 1 << 14), range,
+        [&](const auto& part, Range found) {
+          if (!CheckJob(job).ok()) return found;
+          for (uint64_t item = part.begin(); item < part.end(); ++item) include(found, item);
+          return found;
+        },
+        join);
   }
-  return tbb::parallel_reduce(  // the listed voxels
-      tbb::blocked_range<uint64_t>(0, items_.count(), 1 << 14), none,
-      [&](const auto& part, Found found) {
-        if (!CheckJob(job).ok()) return found;
-        for (uint64_t item = part.begin(); item < part.end(); ++item) include(found, item);
-        return found;
-      },
-      join);
-}
-
-void PreviewColours::FindRange(const VoxelizeResult& result, const JobContext* job) {
-  using Range = std::pair<float, float>;
-  constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  const Range range = OverItems(
-      result, job, Range{kInfinity, -kInfinity},
-      [this](Range& found, uint64_t item) {
-        const float value = NumberOf(item);
-        if (!std::isfinite(value) || IsClear(item)) return;
-        found = {std::min(found.first, value), std::max(found.second, value)};
-      },
-      [](const Range& a, const Range& b) {
-        return Range{std::min(a.first, b.first), std::max(a.second, b.second)};
-      });
   low_ = range.first;
   high_ = range.second;
-}
-
-bool PreviewColours::AllWhite(const VoxelizeResult& result, const TargetSpec& spec, const JobContext* job) const {
-  const auto is_fill = [&](uint64_t item) {
-    for (int c = 0; c < components_; ++c) {
-      const size_t of = std::min(size_t(c), spec.fill_values.size() - 1);
-      if (spec.fill_values.empty() || values_.At(item, c) != float(spec.fill_values[of])) return false;
-    }
-    return true;
-  };
-  return OverItems(
-      result, job, true,
-      [&](bool& white, uint64_t item) {
-        if (!white) return;
-        for (int c = 0; c < 3; ++c) white = white && values_.At(item, c) == unit_;
-        white = white || is_fill(item);
-      },
-      [](bool a, bool b) { return a && b; });
 }
 
 float PreviewColours::NumberOf(uint64_t item) const {

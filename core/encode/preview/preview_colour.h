@@ -43,19 +43,13 @@ class PreviewColours {
   // True if the chosen target holds `clear` in every component of the item.
   bool IsClear(uint64_t item) const;
   void FindRange(const VoxelizeResult& result, const JobContext* job);
-  // True if every solid voxel of the chosen target is white or has its fill value: the mesh has no colours of its own.
-  bool AllWhite(const VoxelizeResult& result, const TargetSpec& spec, const JobContext* job) const;
-  // `include(found, item)` for every solid voxel, parts joined by `join`, starting from `none`.
-  template <typename Found, typename Include, typename Join>
-  Found OverItems(const VoxelizeResult& result, const JobContext* job, const Found& none, const Include& include,
-                  const Join& join) const;
 
   const PreviewVolume& volume_;
   PreviewItems items_;
   Kind kind_ = Kind::kPlain;
   TargetValues values_, normals_;
   bool has_normals_ = false;
-  float unit_ = 1;  // the stored value of 1 of a colour
+  float unit_ = 1;            // the stored value of 1 of a colour
   Encoding encoding_ = Encoding::kLinear;
   int components_ = 1;        // of `values_`
   float clear_ = 0;           // the stored value of voxels without fragments

@@ -95,10 +95,7 @@ MakeExport ExportTo(std::shared_ptr<ExportedFile> file) {
       return absl::InvalidArgumentError("config.compression: a file needs NONE; its format compresses by itself");
     }
     VoxelizeRequest& request = config.request;
-    if (config.default_targets && file->format.colours) {
-      UseColours(request);
-      if (config.default_result) request.result = ResultKind::kSparse;
-    }
+    UseDefaultsOf(file->format, config.default_targets, config.default_result, request);
     if (absl::Status s = CheckHolds(file->format.extension, request.result, request.targets.size()); !s.ok()) return s;
     return std::make_unique<FileExport>(file, config.settings.content_hash, job);
   };

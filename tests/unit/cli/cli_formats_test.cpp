@@ -113,37 +113,46 @@ TEST_F(CliFormats, MaterialsAndTexturesAreReadBesideAnObj) {
   EXPECT_EQ(red["hash"], expected["hash"]);
 }
 
-// A file that shows colours has those of the mesh, by default; one of a mesh without colours is as it would be of bits.
 TEST_F(CliFormats, DrawnFilesHaveTheColoursOfTheMesh) {
   Write("all.mtl", "newmtl red\nKd 1 0 0\n");
-  const std::string plain = Write("plain.obj", kTetrahedron);
+  const std::string white = Write("white.obj", kTetrahedron);
   const std::string red = Write("red.obj", std::string("mtllib all.mtl\nusemtl red\n") + kTetrahedron);
-  const auto written = [&](const std::string& mesh, const std::string& name, std::vector<std::string> more) {
-    more.insert(more.end(), {"-o", directory_ / name});
-    Voxelize(mesh, more);
+  const auto written = [&](const std::string& mesh, const std::string& name, std::vector<std::string> options) {
+    options.insert(options.end(), {"-o", directory_ / name});
+    Voxelize(mesh, options);
     return testing::ReadFile(directory_ / name);
   };
+  const std::string colours = "u8x4:replace:shader=base_color,encoding=srgb,fill=255";
   for (const std::string extension : {".vox", ".glb", ".merged.glb", ".png", ".html"}) {
     if (FindFormat(extension) == nullptr) continue;  // not in this build
     for (const char* fill : {"none", "parity"}) {
       SCOPED_TRACE(extension + " " + fill);
-      const std::vector<std::string> filled = {"--fill", fill};
-      auto bits = filled, asked = filled;
-      bits.insert(bits.end(), {"--target", "bit:or", "--result", "sparse"});
-      asked.insert(asked.end(), {"--target", "u8x4:replace:shader=base_color,encoding=srgb,fill=180/194/208/255",
-                                 "--result", "sparse"});
-      if (extension != ".html") {
-        EXPECT_EQ(written(plain, "a" + extension, filled), written(plain, "b" + extension, bits));
+      for (const std::string& mesh : {white, red}) {
+        EXPECT_EQ(written(mesh, "a" + extension, {"--fill", fill}),
+                  written(mesh, "b" + extension, {"--fill", fill, "--target", colours, "--result", "sparse"}));
       }
-      const auto of_red = written(red, "c" + extension, filled);
-      EXPECT_EQ(of_red, written(red, "d" + extension, asked));
-      EXPECT_NE(of_red, written(red, "e" + extension, bits));
+      EXPECT_NE(written(white, "c" + extension, {"--fill", fill}), written(red, "d" + extension, {"--fill", fill}));
     }
+    const std::vector<std::string> inside = {"--fill", "parity", "--coverage", "none"};
+    auto bits = inside;
+    bits.insert(bits.end(), {"--target", "bit:or"});
+    EXPECT_EQ(written(red, "e" + extension, inside), written(red, "f" + extension, bits)) << "nothing is covered";
   }
-  // Other files have what they had.
-  EXPECT_EQ(Voxelize(red, {"-o", directory_ / "f.npz"})["path"], Voxelize(red, {"--target", "bit:or"})["path"]);
-  EXPECT_EQ(Voxelize(red, {"-o", directory_ / "f.vox"})["result"], "sparse");
-  EXPECT_EQ(Voxelize(red, {"-o", directory_ / "f.vox", "--result", "dense"})["result"], "dense");
+  EXPECT_EQ(Voxelize(red, {"-o", directory_ / "g.npz"})["result"], "dense") << "as it was";
+  EXPECT_EQ(Voxelize(red, {"-o", directory_ / "g.vox", "--result", "dense"})["result"], "dense");
+}
+
+// The material 0 of a u8 target is what voxels without a fragment hold in a dense result.
+TEST_F(CliFormats, DrawnFilesAndPointsHaveEveryOccupiedVoxel) {
+  const std::string mesh = Write("a.obj", kTetrahedron);
+  for (const char* target : {"u8:max:shader=material_id", "u8x3:replace:shader=constant,value=0/0/0"}) {
+    const std::string path = directory_ / "points.ply";
+    const json summary = Voxelize(mesh, {"--fill", "parity", "--target", target, "-o", path});
+    EXPECT_GT(summary["occupied"], 0);
+    const std::vector<uint8_t> bytes = testing::ReadFile(path);
+    const std::string head(bytes.begin(), bytes.begin() + std::min<ptrdiff_t>(400, std::ssize(bytes)));
+    EXPECT_THAT(head, HasSubstr("element vertex " + std::to_string(summary["occupied"].get<uint64_t>()) + "\n"));
+  }
 }
 
 TEST_F(CliFormats, ABatchTakesUnitsByItem) {
