@@ -1,8 +1,9 @@
-// NIfTI-1, and NIfTI-2 for grids that the 16-bit sizes of the first do not hold.
+// NIfTI-1, and NIfTI-2 for grids whose sizes or place the first does not hold.
 //
 // Sources: R. Cox et al., nifti1.h, 2003; M. Jenkinson et al., nifti2.h, 2011 (nifti.nimh.nih.gov).
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <optional>
 #include <vector>
 
@@ -58,6 +59,18 @@ Fields FieldsOf(const ResultHeader& header) {
   fields.type = TypeOf(header.arrays[0].type);
   fields.intent = components > 1 ? kVectorIntent : 0;
   return fields;
+}
+
+// True if NIfTI-1 holds the fields: dims of 16 bits, and places whose float32 are within a thousandth of a voxel.
+bool FitNifti1(const Fields& fields) {
+  for (const int64_t dim : fields.dim) {
+    if (dim > INT16_MAX) return false;
+  }
+  for (size_t r = 0; r < 3; ++r) {
+    const double place = fields.to_world[r][3];
+    if (!(std::abs(double(float(place)) - place) <= 1e-3 * fields.step[r + 1])) return false;
+  }
+  return true;
 }
 
 std::string Nifti1(const Fields& fields) {
@@ -209,10 +222,8 @@ class NiftiFile final : public ResultFile {
 }  // namespace
 
 std::string NiftiHeader(const ResultHeader& header) {
-  constexpr int64_t kMaxDim = INT16_MAX;
-  const auto& dims = header.grid.dims;
   const Fields fields = FieldsOf(header);
-  return *std::max_element(dims.begin(), dims.end()) <= kMaxDim ? Nifti1(fields) : Nifti2(fields);
+  return FitNifti1(fields) ? Nifti1(fields) : Nifti2(fields);
 }
 
 std::unique_ptr<ResultFile> MakeNiftiFile(const std::string& path, const JobContext* job) {
