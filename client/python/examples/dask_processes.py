@@ -22,7 +22,7 @@ def filled_volume(path: str, client: voxelpipe.Client, resolution: int) -> float
     """
     try:
         grid = client.voxelize(path, resolution=resolution, coverage="none", fill="nonzero")
-    except voxelpipe.InvalidMesh:
+    except (voxelpipe.InvalidMesh, voxelpipe.TooLarge):
         return math.nan
     x, y, z = grid.voxel_size
     return grid.summary.occupied * x * y * z

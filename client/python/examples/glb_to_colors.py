@@ -42,8 +42,8 @@ def main() -> int:
     for path, result in zip(arguments.meshes, results):
         if isinstance(result, voxelpipe.VoxelpipeError):
             failed += 1
-            # An error of the mesh names its file.
-            print(result if isinstance(result, voxelpipe.InvalidMesh) else f"{path}: {result}", file=sys.stderr)
+            of_mesh = isinstance(result, (voxelpipe.InvalidMesh, voxelpipe.TooLarge))  # names its file
+            print(result if of_mesh else f"{path}: {result}", file=sys.stderr)
             continue
         count = write_points(result, arguments.out / f"{path.stem}.npz")
         print(f"{path}: {count} points of {result.dims} voxels, of {result.voxel_size[0]:.6g}")

@@ -34,7 +34,7 @@ class Voxels:
             raise IndexError(i)
         try:
             grid = self.client.voxelize(self.meshes[i], resolution=self.resolution, fit="cube")
-        except voxelpipe.InvalidMesh:
+        except (voxelpipe.InvalidMesh, voxelpipe.TooLarge):
             return torch.zeros((1,) + (self.resolution,) * 3), -1
         return grid.to_torch().float()[None], i if grid.summary.occupied > 0 else -1
 

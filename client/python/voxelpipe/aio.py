@@ -180,6 +180,8 @@ class AsyncClient:
 
         meshes: also an async iterable. errors: see Client.voxelize_many(). Each mesh is a call of its own.
         """
+        if isinstance(meshes, (str, bytes, os.PathLike)):
+            raise TypeError(f"meshes: {meshes!r} is one mesh; give a list, or call voxelize()")
         if errors not in ("raise", "return"):
             raise ValueError(f"errors: '{errors}' is neither raise nor return")
         if in_flight < 1:

@@ -243,6 +243,8 @@ class Client:
         ends at the first mesh that fails; "return" yields its error in the place of its result, of a file that cannot
         be read InvalidMesh with the OSError as its cause. Busy servers and lost connections are tried again.
         """
+        if isinstance(meshes, (str, bytes, os.PathLike)):
+            raise TypeError(f"meshes: {meshes!r} is one mesh; give a list, or call voxelize()")
         if errors not in ("raise", "return"):
             raise ValueError(f"errors: '{errors}' is neither raise nor return")
         timeout = checked_timeout(options.pop("timeout", None))

@@ -75,6 +75,7 @@ class Target:
     one a component; None: what the shader gives there without a triangle, else `clear`.
     scale: of floats into integers; None: 255 or 65535 for colours, else 1. quantum: of add and average on floats.
     encoding: "srgb" stores linear colours in u8 as sRGB; "snorm" normals and tangents, -1 to 1, as all of u8 or u16.
+    Of both, clear and fill are codes.
     """
 
     format: Format = "bit"

@@ -13,7 +13,7 @@ import numpy
 from .._mesh.forms import MeshFile
 from .._mesh.glb import as_numpy
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ..errors import DataLoss, InvalidMesh, InvalidRequest, VoxelpipeError
+from ..errors import DataLoss, InvalidMesh, InvalidRequest, TooLarge, VoxelpipeError
 from ..report import StoredMesh
 from ..request import Request
 from . import wire as _wire
@@ -138,8 +138,9 @@ def positions_file(positions: Any) -> MeshFile:
 
 
 def named(error: VoxelpipeError, file: MeshFile | None) -> VoxelpipeError:
-    """The error itself; of a mesh that is wrong, its message then begins with the name of the file, if it has one."""
-    if isinstance(error, InvalidMesh) and file is not None and file.name and not error.message.startswith(file.name):
+    """The error itself; of a mesh that is wrong or too large, its message then begins with the file's name, if any."""
+    of_mesh = isinstance(error, (InvalidMesh, TooLarge))
+    if of_mesh and file is not None and file.name and not error.message.startswith(file.name):
         error.message = f"{file.name}: {error.message}"
         error.args = (error.message,)
     return error
@@ -150,7 +151,7 @@ def naming(file: MeshFile | None) -> Iterator[None]:
     """Errors in this context name the file: see named()."""
     try:
         yield
-    except InvalidMesh as error:
+    except (InvalidMesh, TooLarge) as error:
         named(error, file)
         raise
 

@@ -99,7 +99,8 @@ def _made(
             return errors.QuotaExceeded(message, subject=subject, retry_after=delay, **common)
         return errors.Overloaded(message, retry_after=delay, **common)
     if code == "UNAVAILABLE":
-        one_side = "failed to connect" in message and "socket closed" in message.lower()
+        signs = ("socket closed", "wrong version number")
+        one_side = "failed to connect" in message and any(sign in message.lower() for sign in signs)
         hint = " (TLS on one side only?)" if one_side else ""
         return errors.Unavailable(f"{target}: {message}{hint}", retry_after=delay, **common)
     if code == "NOT_FOUND":
