@@ -94,6 +94,7 @@ std::string Explained(const std::string& error, bool tls) {
   const std::string lower = absl::AsciiStrToLower(error);
   if (!tls)
     return absl::StrContains(lower, "socket closed") ? absl::StrCat(error, " (is it a server with TLS?)") : error;
+  if (absl::StrContains(lower, "wrong version number")) return absl::StrCat(error, " (is it a server without TLS?)");
   for (const char* sign : {"certificate verify failed", "certificate_verify_failed", "peer name", "peer cert"}) {
     if (absl::StrContains(lower, sign)) {
       return absl::StrCat(

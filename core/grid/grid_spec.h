@@ -36,7 +36,7 @@ struct GridSpec {
 
 enum class GridFit : uint8_t { kTight, kCube };
 
-// The grid as a request gives it. Exactly one of four forms:
+// The grid as a request gives it, in one of four forms; the resolution is not read beside another one, `fit` neither:
 //   resolution                       N voxels along the longest extent, placed by `fit` (the default, 128)
 //   voxel_size                       origin at the box's minimum, as many voxels as it needs
 //   dims                             so many voxels, in which the box is centred

@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "absl/strings/str_cat.h"
+#include "base/limit_error.h"
 #include "grid/grid_spec.h"
 #include "mesh/report.h"
 #include "mesh/texture_faults.h"
@@ -67,7 +68,9 @@ Box3d BoxOf(const GridRequest& grid) {
 }
 
 std::string Shown(const Box3d& box) {
-  const auto corner = [](const Vec3d& p) { return absl::StrCat("(", p.x, ", ", p.y, ", ", p.z, ")"); };
+  const auto corner = [](const Vec3d& p) {
+    return absl::StrCat("(", ExactText(p.x), ", ", ExactText(p.y), ", ", ExactText(p.z), ")");
+  };
   return absl::StrCat(corner(box.min), " to ", corner(box.max));
 }
 

@@ -6,6 +6,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "job/result.h"
+#include "shaders/blend_ops.h"
 #include "shaders/catalog.h"
 
 namespace voxelpipe {
@@ -49,6 +50,7 @@ absl::Status ValidateEncoding(const TargetSpec& target, const std::string& field
 }
 
 absl::Status ValidateTarget(const TargetSpec& target, const std::string& field) {
+  if (IsEncoded(target.format)) return Invalid(field + ".format", "is no format of a request; set `encoding`");
   if (target.components < 1 || target.components > 4) return Invalid(field + ".components", "must be 1 to 4");
   if (target.format == VoxelFormat::kBit && target.components != 1) {
     return Invalid(field + ".components", "a bit target has 1 component");

@@ -288,6 +288,7 @@ TEST(Solids, RefuseWhatHasNoMeaningByTheNameOfTheField) {
     });
   };
   EXPECT_THAT(snorm([](auto& t) { t.format = VoxelFormat::kU32; }), HasSubstr("snorm is for u8 and u16"));
+  EXPECT_THAT(snorm([](auto& t) { t.format = VoxelFormat::kU8Snorm; }), HasSubstr("targets[0].format"));
   EXPECT_THAT(snorm([](auto& t) { t.scale = 2; }), HasSubstr("targets[0].encoding: snorm and scale"));
   EXPECT_THAT(snorm([](auto& t) { t.shader.name = "base_color"; }), HasSubstr("snorm is for the shaders normal"));
   EXPECT_THAT(snorm([](auto& t) { t.blend = Blend::kOr; }), HasSubstr("snorm does not go with or"));
