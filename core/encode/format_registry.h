@@ -40,6 +40,8 @@ struct OutputFormat {
   std::string (*not_kept)(const ResultHeader& header) = nullptr;
 
   bool picture() const { return open == nullptr; }
+  // True if the file is made of the whole result, of which it shows the solid voxels.
+  bool of_whole_results() const { return whole || picture(); }
   bool Holds(ResultKind kind) const {
     return kind == ResultKind::kDense || (kind == ResultKind::kSparse ? sparse : buckets);
   }

@@ -215,7 +215,7 @@ std::string Canonical(const RequestOptions& options) {
   if (options.strict) canonical["strict"] = true;
   const OutputFormat* const format = FindFormat(options.output_extension);
   const bool open = !options.result || (options.targets.empty() && !options.shader);
-  if (open && format != nullptr && (format->whole || format->picture())) canonical["format"] = format->name;
+  if (open && format != nullptr && format->of_whole_results()) canonical["format"] = format->name;
   if (options.clip) canonical["clip"] = *options.clip;
   if (options.axes) canonical["axes"] = *options.axes;
   if (options.grid_like) canonical["grid_like"] = *options.grid_like;  // in no digest: those have its grid

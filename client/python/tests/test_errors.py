@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import datetime
+import pathlib
 import pickle
 import time
 from typing import Any, Callable, Iterator
@@ -35,6 +36,23 @@ def test_errors_by_reason(client: Client) -> None:
         Client(client.server, max_result_bytes=1000).voxelize(shapes.cube(), resolution=64)
     copy = pickle.loads(pickle.dumps(large.value))
     assert type(copy) is voxelpipe.TooLarge and copy.__dict__ == large.value.__dict__ and str(copy) == str(large.value)
+
+
+def test_a_mesh_beyond_a_limit_is_named(client: Client, tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "deep.gltf"
+    path.write_text('{"asset": {"version": "2.0"}, "extras": ' + "[" * 500 + "]" * 500 + "}", encoding="utf-8")
+    with pytest.raises(voxelpipe.TooLarge) as alone:
+        client.voxelize(path)
+    (among,) = client.voxelize_many([path], errors="return")
+    for error in (alone.value, among):
+        assert isinstance(error, voxelpipe.TooLarge)
+        assert str(error).startswith(f"{path}: ") and str(error).count(str(path)) == 1
+
+
+@pytest.mark.parametrize("one", ["box.glb", b"glTF", pathlib.Path("box.glb")])
+def test_one_mesh_is_no_list_of_meshes(client: Client, one: Any) -> None:
+    with pytest.raises(TypeError, match="is one mesh"):
+        client.voxelize_many(one)
 
 
 def test_no_server_is_an_error_that_names_it(closed_port: str) -> None:

@@ -87,8 +87,8 @@ def voxelize(
 
     The grid, one of five: resolution, voxels along the longest extent (default 128); voxel_size, world units, one
         number or x, y, z; dims (x, y, z), cubic voxels in which the mesh is centred; voxel_size, dims and origin (the
-        corner of voxel (0, 0, 0)); like, another result's grid. fit: "cube": resolution voxels along
-        every axis. padding: voxels added on every side.
+        corner of voxel (0, 0, 0)); like, another result's grid. fit: "cube": resolution voxels along every
+        axis. padding: voxels added on every side.
 
     coverage: which voxels a triangle covers: "conservative" all that it touches, "thin" a 6-separating shell, "center"
         those whose centre it passes, "none" none (with a fill by crossings: the voxels whose centre is inside).

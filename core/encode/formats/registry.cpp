@@ -154,7 +154,7 @@ std::span<const OutputFormat> OutputFormats() {
 }
 
 void UseDefaultsOf(const OutputFormat& format, bool open_targets, bool open_result, VoxelizeRequest& request) {
-  if (open_result && format.sparse && (format.whole || format.picture())) request.result = ResultKind::kSparse;
+  if (open_result && format.of_whole_results()) request.result = ResultKind::kSparse;
   if (!open_targets || !format.colours || request.coverage == Coverage::kNone) return;
   request.targets.assign(1, TargetSpec{});
   TargetSpec& target = request.targets.front();

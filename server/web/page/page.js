@@ -3,8 +3,10 @@ import {readFacts, Server} from './client.js';
 
 const $ = (id) => document.getElementById(id);
 const COLOURS = new Set(['base_color', 'emissive', 'color']);
-const FORMATS = new Map(['glb', 'gltf', 'stl', 'ply', 'off', 'obj', '3mf'].map((e) => [e, `MESH_FORMAT_${e.toUpperCase()}`]));
-FORMATS.set('drc', 'MESH_FORMAT_DRACO');
+const FORMATS = new Map([['drc', 'MESH_FORMAT_DRACO']]); // by extension
+for (const name of ['glb', 'gltf', 'stl', 'ply', 'off', 'obj', '3mf']) {
+  FORMATS.set(name, `MESH_FORMAT_${name.toUpperCase()}`);
+}
 const FRAGMENT = 2; // SHADER_STAGE_FRAGMENT
 const FACTS = await readFacts().catch((error) => {
   say(error);

@@ -264,14 +264,18 @@ TEST(Solids, RefuseWhatHasNoMeaningByTheNameOfTheField) {
               HasSubstr("fill: "));
   EXPECT_THAT(error([](auto& r) { r.targets[0].fill_values = {1, 2}; }), HasSubstr("targets[0].fill_values"));
   EXPECT_THAT(error([](auto& r) { r.targets[0].encoding = Encoding::kSrgb; }), HasSubstr("targets[0].encoding"));
-  const auto srgb = [&](auto change) {
-    return error([&](auto& r) {
-      r.targets[0] = FloatTarget(4, Blend::kReplace, {"base_color", {}});
-      r.targets[0].format = VoxelFormat::kU8;
-      r.targets[0].encoding = Encoding::kSrgb;
-      change(r.targets[0]);
-    });
+  const auto encoded = [&](Encoding encoding, VoxelFormat format, const char* shader) {
+    return [=](auto change) {
+      return error([&](auto& r) {
+        r.targets[0] = FloatTarget(3, Blend::kReplace, {shader, {}});
+        r.targets[0].format = format;
+        r.targets[0].encoding = encoding;
+        change(r.targets[0]);
+      });
+    };
   };
+  const auto srgb = encoded(Encoding::kSrgb, VoxelFormat::kU8, "base_color");
+  const auto snorm = encoded(Encoding::kSnorm, VoxelFormat::kU16, "normal");
   EXPECT_THAT(srgb([](auto& t) { t.format = VoxelFormat::kU16; }), HasSubstr("targets[0].encoding: srgb is for u8"));
   EXPECT_THAT(srgb([](auto& t) { t.scale = 2; }), HasSubstr("targets[0].encoding: srgb and scale"));
   EXPECT_THAT(srgb([](auto& t) { t.shader.name = "normal"; }),
@@ -279,14 +283,6 @@ TEST(Solids, RefuseWhatHasNoMeaningByTheNameOfTheField) {
   for (const Blend blend : {Blend::kCount, Blend::kAnd, Blend::kOr}) {
     EXPECT_THAT(srgb([blend](auto& t) { t.blend = blend; }), HasSubstr("targets[0].encoding: srgb does not go"));
   }
-  const auto snorm = [&](auto change) {
-    return error([&](auto& r) {
-      r.targets[0] = FloatTarget(3, Blend::kReplace, {"normal", {}});
-      r.targets[0].format = VoxelFormat::kU16;
-      r.targets[0].encoding = Encoding::kSnorm;
-      change(r.targets[0]);
-    });
-  };
   EXPECT_THAT(snorm([](auto& t) { t.format = VoxelFormat::kU32; }), HasSubstr("snorm is for u8 and u16"));
   EXPECT_THAT(snorm([](auto& t) { t.format = VoxelFormat::kU8Snorm; }), HasSubstr("targets[0].format"));
   EXPECT_THAT(snorm([](auto& t) { t.scale = 2; }), HasSubstr("targets[0].encoding: snorm and scale"));

@@ -186,6 +186,39 @@ TEST_F(ManifestTest, TheDigestKnowsWhatChangesBytesAndNothingElse) {
   }
 }
 
+TEST_F(ManifestTest, TheFormatGivesWhatAnItemLeavesOpen) {
+  const std::string target = R"(,"target":"u8:max:shader=material_id")";
+  const std::vector<BatchItem> items =
+      Items("{\"input\":\"a\",\"output\":\"a.glb\"}\n{\"input\":\"a\",\"output\":\"b.npz\"}\n" +
+            std::string("{\"input\":\"a\",\"output\":\"c.ply\"") + target +
+            "}\n{\"input\":\"a\",\"output\":\"d.ply\",\"result\":\"dense\"" + target +
+            "}\n{\"input\":\"a\",\"id\":\"e\",\"format\":\"vox\"}");
+  ASSERT_EQ(items.size(), 5u);
+  const auto result = [&](size_t i) { return items[i].request->request.result; };
+  const auto shader = [&](size_t i) { return items[i].request->request.targets[0].shader.name; };
+  EXPECT_EQ(result(0), ResultKind::kSparse);
+  EXPECT_EQ(shader(0), "base_color");
+  EXPECT_EQ(result(1), ResultKind::kDense);
+  EXPECT_EQ(shader(1), "occupancy");
+  EXPECT_EQ(result(2), ResultKind::kSparse);
+  EXPECT_EQ(shader(2), "material_id");
+  EXPECT_EQ(result(3), ResultKind::kDense);
+  EXPECT_EQ(shader(4), "base_color");
+  EXPECT_NE(items[0].request->digest, items[1].request->digest) << "other bytes";
+}
+
+// As the command line takes them; the form of an item replaces that of the defaults.
+TEST_F(ManifestTest, DimsAloneReplaceAResolutionAndAVoxelSize) {
+  defaults_.request.resolution = 64;
+  defaults_.request.fit = "cube";
+  EXPECT_EQ(Items(R"({"input":"a","dims":"4,5,6"})")[0].request->request.grid.dims, (std::array<int64_t, 3>{4, 5, 6}));
+  defaults_.request = {};
+  defaults_.request.dims = "4,5,6";
+  const GridRequest grid = Items(R"({"input":"a","voxel_size":"0.5"})")[0].request->request.grid;
+  EXPECT_FALSE(grid.dims.has_value());
+  EXPECT_TRUE(grid.voxel_size.has_value());
+}
+
 TEST_F(ManifestTest, AGridLikeIsSearchedBesideTheManifestAndTheDigestHoldsItsGrid) {
   const auto write = [&](const char* name, const char* origin) {
     std::ofstream(directory_ / name) << R"({"dims":[4,3,2],"voxel_size":[1,1,0.5],"origin":)" << origin << "}";

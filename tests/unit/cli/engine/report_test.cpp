@@ -40,8 +40,8 @@ TEST(VoxelizeJson, HasTheNamesThatUsersRelyOn) {
   report.hash = "00";
   nlohmann::ordered_json json = VoxelizeJson(run, report);
   for (const char* name :
-       {"triangles", "triangles_outside", "dims", "origin", "voxel_size", "occupied", "fragments", "odd_columns", "open_edges", "backend",
-        "simd", "bytes", "peak_bytes", "hash", "stages", "voxelize_ms", "voxelize_cpu_ms"}) {
+       {"triangles", "triangles_outside", "dims", "origin", "voxel_size", "occupied", "fragments", "odd_columns",
+        "open_edges", "backend", "simd", "bytes", "peak_bytes", "hash", "stages", "voxelize_ms", "voxelize_cpu_ms"}) {
     EXPECT_TRUE(json.contains(name)) << name;
   }
   EXPECT_TRUE(json["odd_columns"].is_null());

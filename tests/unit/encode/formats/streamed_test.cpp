@@ -199,6 +199,21 @@ TEST(NiftiHeader, LongAxesTakeTheSecondVersion) {
   EXPECT_EQ(NumberAt<int32_t>(header, 500), 1);        // metres
 }
 
+TEST(NiftiHeader, PlacesThatFloatsDoNotHoldTakeTheSecondVersion) {
+  VoxelizeRequest request;
+  GridSpec grid;
+  grid.dims = {34, 34, 18};
+  grid.voxel_size = {0.1, 0.1, 0.1};
+  grid.origin = {7, 45, 8};
+  EXPECT_EQ(NiftiHeader(DenseHeader(request, grid)).size(), 352u);
+  grid.origin = {701362.5, 4485513, 812};  // floats there are half a metre apart
+  const std::string header = NiftiHeader(DenseHeader(request, grid));
+  ASSERT_EQ(header.size(), 544u);
+  EXPECT_EQ(NumberAt<double>(header, 432 + 24), 4485513 + 0.5 * 0.1);  // srow_y[3]
+  grid.voxel_size = {1000, 1000, 1000};
+  EXPECT_EQ(NiftiHeader(DenseHeader(request, grid)).size(), 352u) << "to a thousandth of a voxel";
+}
+
 TEST(Gzip, PartsMakeOneStream) {
   std::string file = GzipHeader(), whole;
   const auto append = [&](std::span<const uint8_t> bytes) {
