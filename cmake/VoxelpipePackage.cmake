@@ -3,7 +3,7 @@
 include(CMakePackageConfigHelpers)
 
 # The headers that a program includes; those that they include are installed with them.
-set(headers encode/encode.h load/load_mesh.h load/pack.h pipeline/voxelize.h shaders/catalog.h)
+set(headers encode/encode.h load/load_mesh.h load/pack.h mesh/health/check_mesh.h pipeline/voxelize.h shaders/catalog.h)
 set(programs voxelpipe)
 set(libraries voxelpipe_core)
 if(TARGET voxelpipe_client)

@@ -28,7 +28,8 @@ std::string FaultOf(absl::string_view address) {
   if (absl::StartsWith(address, "dns:")) address.remove_prefix(std::max<size_t>(4, address.rfind('/') + 1));
   if (absl::StrContains(address, "://")) return "is a URL";
   const size_t colon = address.rfind(':');
-  if (colon == absl::string_view::npos || colon == 0 || absl::EndsWith(address, "]")) return "has no port";
+  if (colon == absl::string_view::npos || absl::EndsWith(address, "]")) return "has no port";
+  if (colon == 0) return "has no host";
   const absl::string_view host = address.substr(0, colon), port = address.substr(colon + 1);
   if (absl::StrContains(host, ":") && !(absl::StartsWith(host, "[") && absl::EndsWith(host, "]"))) {
     return "has more than one colon; an IPv6 address stands in brackets";

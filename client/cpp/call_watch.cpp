@@ -8,7 +8,10 @@
 #include <thread>
 #include <vector>
 
+#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/string_view.h"
+#include "channel.h"
 #include "wire/status.h"
 
 namespace voxelpipe {
@@ -101,8 +104,14 @@ absl::Status CallStatus(const grpc::Status& status, const JobContext& job, const
   if (absl::IsCancelled(ours) || absl::IsDeadlineExceeded(ours)) {
     if (absl::Status ended = job.Check(); !ended.ok()) return ended;
   }
+  if (absl::IsCancelled(ours)) {  // gRPC's servers end calls in this way that arrive as they shut down
+    return absl::UnavailableError(absl::StrCat(target, ": the server has cancelled the call"));
+  }
   if (absl::IsUnavailable(ours)) {
-    return absl::UnavailableError(absl::StrCat(target, ": ", std::string(ours.message())));
+    absl::Status named = absl::UnavailableError(absl::StrCat(target, ": ", std::string(ours.message())));
+    ours.ForEachPayload([&](absl::string_view url, const absl::Cord& payload) { named.SetPayload(url, payload); });
+    if (SaysNotConnected(std::string(ours.message()))) MarkConnectError(named);
+    return named;  // with the delay that the server asks for
   }
   return ours;
 }

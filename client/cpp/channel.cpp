@@ -40,6 +40,9 @@ grpc::ChannelArguments MakeArguments(const std::string& target) {
   arguments.SetInt(GRPC_ARG_HTTP2_MAX_FRAME_SIZE, 16777215);  // a quarter faster on gigabytes
   arguments.SetInt(GRPC_ARG_USE_LOCAL_SUBCHANNEL_POOL,
                    1);  // clients of one process share no connection and no back-off
+  // Within its back-off a channel fails calls without an attempt to connect: CallWithRetries waits between attempts.
+  arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
+  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
   // Keepalive: if the server's machine is gone, calls end after 25 s. Servers accept pings at this interval.
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 10000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 15000);
@@ -84,7 +87,7 @@ std::string LastError(const std::shared_ptr<grpc::Channel>& channel) {
 
 absl::Status ConnectError(const std::string& target, const std::string& why) {
   absl::Status status = absl::UnavailableError(absl::StrCat("cannot connect to ", target, ": ", why));
-  status.SetPayload(kConnectUrl, absl::Cord());
+  MarkConnectError(status);
   return status;
 }
 
@@ -98,7 +101,7 @@ std::string Explained(const std::string& error, bool tls) {
   for (const char* sign : {"certificate verify failed", "certificate_verify_failed", "peer name", "peer cert"}) {
     if (absl::StrContains(lower, sign)) {
       return absl::StrCat(
-          "certificate verification failed; --tls-ca sets the trusted CAs, --tls-server-name the name in the "
+          "certificate verification failed; the client's TLS settings name the trusted CAs and the name in the "
           "certificate: ",
           error);
     }
@@ -200,6 +203,19 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& ta
     if (attempt == kAttempts) return ConnectError(target, Explained(LastError(channel), options.tls.has_value()));
   }
   return absl::InternalError("no attempt to connect was made");
+}
+
+bool SaysNotConnected(std::string_view text) {
+  const std::string lower = absl::AsciiStrToLower(absl::string_view(text.data(), text.size()));
+  for (const char* sign :
+       {"failed to connect to all addresses", "connections to all backends failing", "dns resolution failed"}) {
+    if (absl::StrContains(lower, sign)) return true;
+  }
+  return false;
+}
+
+void MarkConnectError(absl::Status& status) {
+  status.SetPayload(kConnectUrl, absl::Cord());
 }
 
 bool IsConnectError(const absl::Status& status) {

@@ -4,6 +4,7 @@
 #include <random>
 #include <thread>
 
+#include "client.h"
 #include "wire/status.h"
 
 namespace voxelpipe {
@@ -12,7 +13,8 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kFirstDelay{100}, kMaxDelay{5000};
-constexpr milliseconds kPoll{10};  // between two looks at the job
+constexpr milliseconds kMaxRestartDelay{1000};  // between attempts to connect to a server that restarts
+constexpr milliseconds kPoll{10};               // between two looks at the job
 
 milliseconds RandomBelow(milliseconds limit) {
   thread_local std::minstd_rand random{std::random_device{}()};
@@ -21,12 +23,17 @@ milliseconds RandomBelow(milliseconds limit) {
 
 }  // namespace
 
+bool CountsAsAttempt(const absl::Status& error, const JobContext& job) {
+  return !IsConnectError(error) || !job.deadline();
+}
+
 std::optional<milliseconds> DelayBeforeRetry(const absl::Status& error, int repeated, const JobContext& job) {
   if (!job.Check().ok()) return std::nullopt;
   std::optional<milliseconds> delay;
   if (absl::IsUnavailable(error) || absl::IsResourceExhausted(error)) delay = RetryDelay(error);
   if (!delay && absl::IsUnavailable(error)) {
-    delay = RandomBelow(std::min(kMaxDelay, kFirstDelay * (int64_t{1} << std::clamp(repeated, 0, 10))));
+    const milliseconds most = CountsAsAttempt(error, job) ? kMaxDelay : kMaxRestartDelay;
+    delay = RandomBelow(std::min(most, kFirstDelay * (int64_t{1} << std::clamp(repeated, 0, 10))));
   }
   if (delay && job.deadline() && JobContext::Clock::now() + *delay >= *job.deadline()) return std::nullopt;
   return delay;

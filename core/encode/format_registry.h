@@ -56,6 +56,12 @@ std::span<const OutputFormat> OutputFormats();
 // but bits where nothing is covered.
 void UseDefaultsOf(const OutputFormat& format, bool open_targets, bool open_result, VoxelizeRequest& request);
 
+// Warns of what a file of this format does not hold of a result (OutputFormat::not_kept).
+void WarnOfNotKept(const OutputFormat& format, const ResultHeader& header, WarningList& warnings);
+
+// Why this build does not have the format of an extension that others have; empty if it has it or none has.
+std::string_view WhyNotBuilt(std::string_view extension);
+
 // The format of an extension (".npy", lower case); null if there is none.
 const OutputFormat* FindFormat(std::string_view extension);
 

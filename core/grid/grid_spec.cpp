@@ -57,6 +57,10 @@ absl::Status CheckRequest(const GridRequest& request) {
                      "a grid given by dims and a voxel size needs an origin; dims alone are fitted to the mesh");
     }
   }
+  if (request.fit == GridFit::kCube && (request.voxel_size || request.dims)) {
+    return Invalid(
+        "fit", absl::StrCat("a cube goes with a resolution, not with ", request.voxel_size ? "a voxel size" : "dims"));
+  }
   if (request.origin) {
     if (!request.dims) return Invalid("dims", "an origin is given together with dims and a voxel size");
     for (int a = 0; a < 3; ++a) {

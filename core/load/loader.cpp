@@ -91,7 +91,8 @@ absl::Status NotReadable(std::span<const uint8_t> bytes) {
     return absl::InvalidArgumentError(
         absl::StrCat("the mesh is ", std::string(other.name), ", which is not read; ", std::string(kRead)));
   }
-  return absl::InvalidArgumentError(absl::StrCat("the mesh is of no known format; ", std::string(kRead)));
+  return absl::InvalidArgumentError(absl::StrCat("the mesh is of no known format; ", std::string(kRead),
+                                                 "; if the content does not show its format, name it"));
 }
 
 }  // namespace

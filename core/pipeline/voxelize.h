@@ -37,9 +37,10 @@ struct RunOptions {
   bool on_device = false;
 };
 
-// In: a mesh in world space, a request. Where its shaders sample textures, the mesh has them if it was loaded with
-// LoadRequest::textures = TexturesRead(request) (load/load_mesh.h); of a mesh from elsewhere, PrepareTexturesFor
-// (load/decode/image.h) decodes them. Without that the factors of the materials are used.
+// In: a mesh in world space with the guarantees of triangle_mesh.h, which loaders give and CheckMesh
+// (mesh/health/check_mesh.h) looks for in a mesh of one's own arrays; a request. Where its shaders sample textures, the
+// mesh has them if it was loaded with LoadRequest::textures = TexturesRead(request) (load/load_mesh.h); of a mesh from
+// elsewhere, PrepareTexturesFor (load/decode/image.h) decodes them. Without that the factors of the materials are used.
 // Out: the result in memory (result.h). Deterministic: the same bytes for any thread count, instruction set, slab depth
 // and backend.
 // Errors: INVALID_ARGUMENT naming the field, or primitive and vertex where a vertex is not finite or beyond 2^40 voxels

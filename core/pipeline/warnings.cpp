@@ -1,6 +1,7 @@
 #include "pipeline/warnings.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <string_view>
 
@@ -31,12 +32,20 @@ bool HasMask(const TriangleMesh& mesh) {
   return false;
 }
 
+bool GivesFractions(const ShaderCall& shader) {
+  const ShaderInfo* const info = FindShader(ShaderStage::kFragment, shader.name);
+  if (info == nullptr) return false;
+  const auto value = shader.parameters.find("value");
+  if (shader.name != "constant" || value == shader.parameters.end()) return info->is_fraction;
+  const std::vector<double>& numbers = value->second;
+  return std::any_of(numbers.begin(), numbers.end(), [](double number) { return number != std::floor(number); });
+}
+
 // True if whole numbers are all that is left of the shader's values.
 bool RoundsFractions(const TargetSpec& target) {
   const bool integer = target.format == VoxelFormat::kU8 || target.format == VoxelFormat::kU16;
-  const ShaderInfo* const info = FindShader(ShaderStage::kFragment, target.shader.name);
   return integer && !target.scale && target.encoding == Encoding::kLinear && target.blend != Blend::kCount &&
-         info != nullptr && info->is_fraction;
+         GivesFractions(target.shader);
 }
 
 void AddTargetWarnings(const VoxelizeRequest& request, WarningList& warnings) {

@@ -37,7 +37,7 @@ struct ShaderInfo {
   bool reads_textures = false;
   bool can_discard = false;  // may drop fragments, so that a target keeps its own presence bits
   bool is_color = false;     // integer targets scale it to their range by default
-  bool is_fraction = false;  // -1 to 1, of which integer targets without a scale keep whole numbers
+  bool is_fraction = false;  // gives fractions: integers without a scale keep whole numbers
   std::vector<ShaderParameterInfo> parameters{};
 };
 

@@ -9,8 +9,8 @@
 
 #include "absl/strings/str_cat.h"
 #include "isolate/load_worker.h"
-#include "isolate/mesh_check.h"
 #include "isolate/mesh_fields.h"
+#include "mesh/health/check_mesh.h"
 #include "observe/log.h"
 
 namespace voxelpipe {
@@ -49,6 +49,13 @@ std::vector<size_t> FirstOfSame(const std::vector<std::shared_ptr<Image>>& image
   std::vector<size_t> same;
   for (size_t i = 0; i < images.size(); ++i) same.push_back(first.try_emplace(images[i].get(), i).first->second);
   return same;
+}
+
+// The outcome of a check of what a process that may be taken over has sent.
+absl::Status Trusted(const absl::Status& checked) {
+  if (checked.ok()) return checked;
+  return absl::InternalError(
+      absl::StrCat("a process that loads meshes returned an invalid mesh: ", std::string(checked.message())));
 }
 
 absl::Status TakeTextures(TriangleMesh from, TriangleMesh& mesh) {
@@ -166,7 +173,7 @@ absl::StatusOr<LoadedMesh> LoadWorkers::Load(std::vector<uint8_t> file, const Lo
     file = {};
     Fields(answer, loaded);
     absl::Status status = answer.Finish();
-    return status.ok() ? CheckMesh(loaded.mesh) : status;
+    return status.ok() ? Trusted(CheckMesh(loaded.mesh)) : status;
   };
   MemoryCharge kept;
   if (absl::Status s = Ask(MessageKind::kLoad, request, job, write, read, kept); !s.ok()) return s;
@@ -188,7 +195,7 @@ absl::Status LoadWorkers::DecodeTextures(TriangleMesh& mesh, const LoadLimits& l
     TriangleMesh decoded;
     TextureFields(answer, decoded);
     absl::Status status = answer.Finish();
-    if (status.ok()) status = CheckTextures(decoded);
+    if (status.ok()) status = Trusted(CheckTextures(decoded));
     return status.ok() ? TakeTextures(std::move(decoded), mesh) : status;
   };
   MemoryCharge kept;

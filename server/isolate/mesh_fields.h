@@ -21,7 +21,7 @@ void Fields(ArchiveReader& archive, absl::Status& status);
 // All of a mesh except its content_id and its charges. Null images stay null; shared images, primitives and morph data
 // are sent once.
 void Fields(ArchiveWriter& archive, const TriangleMesh& mesh);
-// Values that were read must pass CheckMesh (mesh_check.h) after Finish.
+// Values that were read must pass CheckMesh (mesh/health/check_mesh.h) after Finish.
 void Fields(ArchiveReader& archive, TriangleMesh& mesh);
 
 // Parts, materials, textures and images alone: the data that PrepareTexturesFor reads and changes.

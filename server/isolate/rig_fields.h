@@ -10,7 +10,7 @@ namespace voxelpipe {
 
 // A rig or null. Primitives and morph data that several parts share are sent once.
 void RigFields(ArchiveWriter& archive, const std::shared_ptr<const Rig>& rig);
-// Values that were read must pass CheckMesh (mesh_check.h) after Finish.
+// Values that were read must pass CheckMesh (mesh/health/check_mesh.h) after Finish.
 void RigFields(ArchiveReader& archive, std::shared_ptr<const Rig>& rig);
 
 }  // namespace voxelpipe

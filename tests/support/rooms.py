@@ -15,7 +15,7 @@ MAX_FILES = 25  # a folder; CMakeLists.txt and documents are not counted
 # From the ground up: a room includes itself and rooms before it.
 FLOORS = """
 core/base/checksum core/base core/grid core/raster core/raster/filtered core/job
-core/mesh/scene core/mesh core/mesh/health core/mesh/views
+core/mesh/scene core/mesh core/mesh/views core/mesh/health
 core/shaders/texture core/shaders/interface core/shaders/fragment core/shaders/vertex core/shaders
 core/load/base core/load/stl core/load/ply core/load/off core/load/obj core/load/decode
 core/load/threemf core/load/gltf/document core/load/gltf/geometry core/load/gltf core/load
@@ -26,7 +26,7 @@ core/cuda/device core/cuda/primitives core/cuda/plan core/cuda/run core/cuda/ver
 core/cuda/occupancy core/cuda/coverage core/cuda/shading core/cuda/scatter core/cuda/a_buffer
 core/cuda/sparse core/cuda/fill core/cuda/targets core/cuda/batch core/cuda
 core/encode/preview core/encode core/encode/formats core/encode/viewer core/encode/drawn core/encode/read
-core/command_line core
+core/request_text core/command_line core
 proto/wire
 client/cpp/reply client/cpp client/cpp/example client/python/core
 client/cli/options client/cli/engine client/cli/batch client/cli/bench client/cli/compare

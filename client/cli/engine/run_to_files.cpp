@@ -65,9 +65,7 @@ absl::StatusOr<std::unique_ptr<ResultFile>> OpenFile(const OutputPlan& plan, con
 void AddNotKept(const OutputPlan& plan, const ResultHeader& header, WarningList& warnings) {
   const OutputFormat* const format =
       FindFormat(plan.standard_output.empty() ? FileExtension(plan.result) : plan.standard_output);
-  if (format == nullptr || format->not_kept == nullptr) return;
-  const std::string lost = format->not_kept(header);
-  if (!lost.empty()) warnings.Add(WarningCode::kNotKept, format->extension, lost);
+  if (format != nullptr) WarnOfNotKept(*format, header, warnings);
 }
 
 // Measures the time of writing a file, and reports the number of voxels to on_grid.

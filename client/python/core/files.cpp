@@ -110,12 +110,10 @@ py::list Formats() {
 std::string NotKept(const std::string& config, const std::string& header, const std::string& path) {
   const absl::StatusOr<Described> result = Parse(config, header, path);
   if (!result.ok()) Throw(result.status());
-  if (result->format->not_kept == nullptr) return "";
-  std::string lost = result->format->not_kept(result->header);
   WarningList warnings;
-  if (!lost.empty()) warnings.Add(WarningCode::kNotKept, result->format->extension, lost);
+  WarnOfNotKept(*result->format, result->header, warnings);
   if (absl::Status s = CheckStrict(result->request, warnings); !s.ok()) Throw(s);
-  return lost;
+  return warnings.empty() ? "" : warnings.kept().front().text;
 }
 
 void WriteFile(const std::string& config, const std::string& header, const std::vector<py::buffer>& arrays,

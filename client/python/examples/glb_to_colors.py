@@ -32,6 +32,9 @@ def main() -> int:
     parser.add_argument("meshes", type=pathlib.Path, nargs="+")
     parser.add_argument("--resolution", type=int, default=128)
     arguments = parser.parse_args()
+    stems = [path.stem for path in arguments.meshes]
+    if len({*stems}) < len(stems):
+        parser.error(f"several meshes would write {next(stem for stem in stems if stems.count(stem) > 1)}.npz")
     arguments.out.mkdir(parents=True, exist_ok=True)
     client = voxelpipe.default_client()
     # Sparse: only the occupied voxels travel. The bits of occupancy come along as "mask".

@@ -158,6 +158,8 @@ def test_a_paths_extension_counts_where_the_content_shows_nothing(
     bare = tmp_path / "bare.off"
     bare.write_text("3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
     assert client.voxelize(bare, resolution=4).mask.any()
+    with open(bare, "rb") as file:  # a file object has a name too
+        assert client.voxelize(file, resolution=4).mask.any()
     named_wrong = tmp_path / "scene.stl"
     named_wrong.write_text("# a comment\ng part\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     assert client.voxelize(named_wrong, resolution=4).mask.any()
@@ -252,7 +254,7 @@ def test_a_local_server_and_a_client_are_servers(server: LocalServer, client: vo
         ("localhost:port", "has the port 'port'"),
         ("localhost:0", "has the port '0'"),
         ("localhost:65536", "has the port '65536'"),
-        (":50051", "has no port"),
+        (":50051", "has no host"),
         ("::1", "has more than one colon"),
         ("[::1]", "has no port"),
         ("dns:///localhost", "has no port"),

@@ -116,9 +116,14 @@ def test_a_local_server_ends_with_its_process(server: LocalServer) -> None:
         try:
             Client(address, retries=0).server_info()
         except voxelpipe.VoxelpipeError:
-            return
+            break
         time.sleep(0.1)
-    pytest.fail("the server still answers")
+    else:
+        pytest.fail("the server still answers")
+    folder = pathlib.Path(urllib.parse.unquote(address.removeprefix("unix:"))).parent
+    while folder.exists() and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize("name", ["n" * 90, "long/" + "n" * 200, "a b%20c#d?e", "\u00fc\u6e29"])

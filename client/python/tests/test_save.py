@@ -195,24 +195,54 @@ def test_without_the_core_the_package_is_named(
 
 
 def test_what_is_not_kept_is_warned_of(cli: str, mesh: pathlib.Path, out: pathlib.Path, grid: VoxelGrid) -> None:
-    said = ".vox: MagicaVoxel has no place for the grid's origin and voxel size"
+    said = ".vox: the file shows the solid voxels in one colour each, not every target"
+    normal = "f16x3:replace:shader=normal"
+    two = voxelpipe.voxelize(mesh, resolution=12, targets=[COLOR, normal])
     with pytest.warns(UserWarning, match=f"not_kept: {said}") as caught:
-        grid.save(out / "a.vox")
+        two.save(out / "a.vox")
     assert len(caught) == 1 and caught[0].filename == __file__
-    command = [cli, "voxelize", str(mesh), "--resolution", "12", "--target", COLOR, "-o"]
+    command = [cli, "voxelize", str(mesh), "--resolution", "12", "--target", COLOR, "--target", normal, "-o"]
     ran = subprocess.run([*command, str(out / "cli.vox")], check=True, capture_output=True, text=True)
     assert said in ran.stderr
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
         grid.save(out / "a.glb")
         with pytest.raises(UserWarning, match=said):
-            grid.save(out / "b.vox")
-    strict = voxelpipe.voxelize(mesh, resolution=12, targets=[COLOR], strict=True)
+            two.save(out / "b.vox")
+    strict = voxelpipe.voxelize(mesh, resolution=12, targets=[COLOR, normal], strict=True)
     with pytest.raises(voxelpipe.InvalidRequest, match=said):
         strict.save(out / "c.vox")
     assert subprocess.run([*command, str(out / "d.vox"), "--strict"], capture_output=True).returncode != 0
-    strict.save(out / "c.glb")
-    assert sorted(path.name for path in out.iterdir()) == ["a.glb", "a.vox", "c.glb", "cli.vox"]
+    strict.save(out / "c.ply")
+    assert sorted(path.name for path in out.iterdir()) == ["a.glb", "a.vox", "c.ply", "cli.vox"]
+
+
+def test_a_format_that_never_holds_a_place_does_not_fail_a_strict_request(
+    cli: str, mesh: pathlib.Path, out: pathlib.Path
+) -> None:
+    strict = voxelpipe.voxelize(mesh, resolution=12, targets=[COLOR], strict=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        strict.save(out / "a.vox")
+    command = [cli, "voxelize", str(mesh), "--resolution", "12", "--strict", "-o", str(out / "b.vox")]
+    assert subprocess.run(command, capture_output=True, text=True).returncode == 0
+
+
+@pytest.mark.parametrize("name", ["dims", "origin", "voxel_size", "index_to_world", "ijk"])
+def test_a_target_does_not_replace_another_array_of_an_npz(mesh: pathlib.Path, out: pathlib.Path, name: str) -> None:
+    target = voxelpipe.Target(name=name, format="u8")
+    with pytest.raises(ValueError, match=f"the target '{name}' has the name of another array"):
+        voxelpipe.voxelize(mesh, resolution=12, result="sparse", targets=[target]).save(out / "a.npz")
+    assert not list(out.iterdir())
+
+
+def test_a_target_of_any_other_name_is_in_an_npz(mesh: pathlib.Path, out: pathlib.Path) -> None:
+    targets = [voxelpipe.Target(name=name, format="u8") for name in ("file", "allow_pickle", "args")]
+    grid = voxelpipe.voxelize(mesh, resolution=12, targets=targets)
+    grid.save(out / "a.npz")
+    with numpy.load(out / "a.npz") as arrays:
+        for target in targets:
+            assert numpy.array_equal(arrays[target.name], grid[target.name])
 
 
 @pytest.mark.parametrize("extension", [".vti", ".zarr", ".ply"])

@@ -11,7 +11,7 @@ from ._calls.address import ServerLike, address_of
 from ._calls.grpc_module import grpc
 from ._calls.many import unreadable
 from ._calls.reader import ResultReader
-from ._calls.retry import Deadline, Retries
+from ._calls.retry import Deadline, Retries, ServerState
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ._calls.session import (
     SERVICE,
@@ -27,7 +27,7 @@ from ._calls.session import (
     upload_messages,
     uploaded,
 )
-from ._calls.status import of_call
+from ._calls.status import of_call, of_cancelled
 from ._calls.wire import parsed
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from .client import MeshHandle
@@ -75,6 +75,7 @@ class AsyncClient:
         )
         self._options.check()
         self._channel: Any = None
+        self._state = ServerState()
 
     @property
     def server(self) -> str:
@@ -260,10 +261,12 @@ class AsyncClient:
         return Deadline(self._options.timeout if timeout is None else checked_timeout(timeout))
 
     async def _again(self, deadline: Deadline, call: Callable[[float | None], Awaitable[_Result]]) -> _Result:
-        retries = Retries(self._options.retries, deadline)
+        retries = Retries(self._options.retries, deadline, self._state)
         while True:
             try:
-                return await call(deadline.left())
+                result = await call(deadline.left())
+                self._state.answered = True
+                return result
             except VoxelpipeError as error:
                 await asyncio.sleep(retries.delay(error))
 
@@ -290,6 +293,8 @@ class AsyncClient:
         except grpc.RpcError as error:
             text = error.details() or ""
             code, trailers = error.code().name, error.trailing_metadata()
+            if code == "CANCELLED" and self._channel is not None:
+                raise of_cancelled(self._options.server, request_id) from None
             raise of_call(code, text, trailers, self._options.server, request_id) from None
         except KeyError as error:  # grpc.aio looks the code up in a table
             raise ServerFailed(f"the server ended the call with the code {error}", request_id=request_id) from None

@@ -14,7 +14,7 @@ from ._calls.connection import Connection
 from ._calls.grpc_module import grpc
 from ._calls.many import Many
 from ._calls.reader import ResultReader
-from ._calls.retry import Deadline, Retries
+from ._calls.retry import Deadline, Retries, ServerState
 from ._calls.session import (
     SMALL_BYTES,
     Job,
@@ -91,9 +91,10 @@ class Client:
         server: "HOST:PORT", "unix:/PATH" or a LocalServer; empty: the variable VOXELPIPE_SERVER. token, or token_file,
         which is read for each call: sent as a bearer token; empty: the variable VOXELPIPE_TOKEN. Without TLS they go to
         this machine only, unless plaintext_token. tls: True for the system's certificates. timeout: seconds of a call,
-        its retries included; None: no limit. retries: how often a call is made again if the server is busy or away:
-        after the delay that it asks for, else after up to 5 s. max_result_bytes: results that take more memory here are
-        refused; bits that do not stay packed take a byte each.
+        its retries included; None: no limit. retries: how often a call is made again if the server is busy or the
+        connection is lost: after the delay that it asks for, else after up to 5 s. A server that has answered this
+        client and cannot be reached is taken for one that restarts: it is asked again until the timeout.
+        max_result_bytes: results that take more memory here are refused; bits that do not stay packed take a byte each.
         Errors: InvalidRequest.
         """
         if not (token or token_file):
@@ -110,6 +111,7 @@ class Client:
                 plaintext_token=plaintext_token,
             )
         )
+        self._state = ServerState()
         self._max_message_bytes = 0
 
     # ---- life ----
@@ -326,10 +328,12 @@ class Client:
         return self._again(Deadline(_QUICK_S), lambda left: self._connection.unary(name, data, left)[0])
 
     def _again(self, deadline: Deadline, call: Callable[[float | None], _Result]) -> _Result:
-        retries = Retries(self._connection.options.retries, deadline)
+        retries = Retries(self._connection.options.retries, deadline, self._state)
         while True:
             try:
-                return call(deadline.left())
+                result = call(deadline.left())
+                self._state.answered = True
+                return result
             except VoxelpipeError as error:
                 time.sleep(retries.delay(error))
 

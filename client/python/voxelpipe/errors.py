@@ -125,14 +125,26 @@ class MeshNotFound(VoxelpipeError, LookupError):
 
 
 class Unavailable(VoxelpipeError, ConnectionError):
-    """UNAVAILABLE: no server answers at the address, or it shuts down. retry_after: seconds, None if it says none."""
+    """UNAVAILABLE: no server answers at the address, or it shuts down.
+
+    retry_after: seconds, None if it says none. connected: False if no connection to a server could be made.
+    """
 
     default_code = "UNAVAILABLE"
     retryable = True
 
-    def __init__(self, message: str, *, retry_after: float | None = None, code: str = "", request_id: str = "") -> None:
+    def __init__(
+        self,
+        message: str,
+        *,
+        retry_after: float | None = None,
+        connected: bool = True,
+        code: str = "",
+        request_id: str = "",
+    ) -> None:
         super().__init__(message, code=code, request_id=request_id)
         self.retry_after = retry_after
+        self.connected = connected
 
 
 class DeadlineExceeded(VoxelpipeError, TimeoutError):

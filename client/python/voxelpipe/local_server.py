@@ -16,8 +16,10 @@ from .errors import Unavailable
 
 PROGRAM_VARIABLE = "VOXELPIPE_VOXELPIPED"
 
-# The shell ends the server when its standard input closes: also if this process is killed.
-_SUPERVISOR = '"$@" & server=$!; exec >&-; read line; kill "$server"; wait "$server"'
+# The shell ends the server, and removes its folder, when its standard input closes: also if this process is killed.
+_SUPERVISOR = (
+    'folder=$1; shift; "$@" & server=$!; exec >&-; read line; kill "$server"; wait "$server"; rm -rf "$folder"'
+)
 _STOP_S = 10.0
 _MAX_SOCKET_PATH_BYTES = 107  # Linux's limit
 
@@ -111,6 +113,7 @@ def local_server(*, program: str = "", options: Sequence[str] = (), timeout: flo
                     "-c",
                     _SUPERVISOR,
                     "sh",
+                    folder,
                     path,
                     "--listen",
                     _address_of(folder),

@@ -104,7 +104,7 @@ def _grid(
     padding: int,
 ) -> types.GridRequest:
     if like is not None:
-        if any(value is not None for value in (resolution, voxel_size, dims, origin)) or padding:
+        if any(value is not None for value in (resolution, voxel_size, dims, origin)) or padding or fit == "cube":
             raise InvalidRequest("like: gives the whole grid; leave out the other options of the grid", field="like")
         place = getattr(like, "place", like)
         if not isinstance(place, GridPlace):
@@ -113,6 +113,9 @@ def _grid(
     if resolution is not None and (voxel_size is not None or dims is not None):
         other = "voxel_size" if voxel_size is not None else "dims"
         raise InvalidRequest(f"resolution: cannot be given together with {other}", field="resolution")
+    if fit == "cube" and (voxel_size is not None or dims is not None):
+        other = "voxel_size" if voxel_size is not None else "dims"
+        raise InvalidRequest(f"fit: a cube goes with resolution, not with {other}", field="fit")
     if origin is not None and dims is None:
         raise InvalidRequest("dims: are needed with origin", field="dims")
     if dims is not None and (origin is None) != (voxel_size is None):

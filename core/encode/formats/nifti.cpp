@@ -20,7 +20,7 @@
 namespace voxelpipe {
 namespace {
 
-constexpr int kMetres = 1;
+constexpr int kUnknownUnit = 0;      // that of the mesh, which the result does not know
 constexpr int kAligned = 2;          // to the coordinates of something else: here the mesh
 constexpr int kVectorIntent = 1007;  // the fifth axis has the components
 
@@ -81,7 +81,7 @@ std::string Nifti1(const Fields& fields) {
   h.Put(fields.type.code).Put(fields.type.bits).Put(int16_t{0});
   for (const double step : fields.step) h.Put(float(step));
   h.Put(352.0f).Put(1.0f).Put(0.0f);  // where voxels begin; no other scale
-  h.Put(int16_t{0}).Put(int8_t{0}).Put(int8_t{kMetres});
+  h.Put(int16_t{0}).Put(int8_t{0}).Put(int8_t{kUnknownUnit});
   h.Put(0.0f).Put(0.0f).Put(0.0f).Put(0.0f).Put(int32_t{0}).Put(int32_t{0});
   h.Padded("voxelpipe", 80).Padded("", 24);
   h.Put(int16_t{kAligned}).Put(int16_t{kAligned});
@@ -110,7 +110,7 @@ std::string Nifti2(const Fields& fields) {
   for (const auto& row : fields.to_world) {
     for (const double number : row) h.Put(number);
   }
-  h.Put(int32_t{0}).Put(int32_t{kMetres}).Put(int32_t(fields.intent));
+  h.Put(int32_t{0}).Put(int32_t{kUnknownUnit}).Put(int32_t(fields.intent));
   h.Padded("", 16).Put(int8_t{0}).Padded("", 15);
   h.Put(int32_t{0});
   return h.text();

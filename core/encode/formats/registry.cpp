@@ -24,12 +24,15 @@ std::string TargetsNotDrawn(const ResultHeader& header) {
   return bits > 1 || others > 1 ? "the file shows the solid voxels in one colour each, not every target" : "";
 }
 
-std::string PlaceNotInVox(const ResultHeader& header) {
+// No .vox holds the grid's origin and voxel size: that is known of the format, and no news of one result.
+std::string NotInVox(const ResultHeader& header) {
   constexpr int64_t kMaxDim = 2000;  // from -1000 to 999
-  std::string lost = "MagicaVoxel has no place for the grid's origin and voxel size";
+  std::string lost;
   const auto& dims = header.grid.dims;
   if (std::any_of(dims.begin(), dims.end(), [](int64_t dim) { return dim > kMaxDim; })) {
-    Append(lost, "it takes voxels from -1000 to 999 along each axis: the grid, whose centre is at 0, reaches beyond");
+    Append(
+        lost,
+        "MagicaVoxel takes voxels from -1000 to 999 along each axis: the grid, whose centre is at 0, reaches beyond");
   }
   if (const std::string targets = TargetsNotDrawn(header); !targets.empty()) Append(lost, targets);
   return lost;
@@ -111,11 +114,8 @@ const std::vector<OutputFormat>& List() {
                           .title = "surface as glTF, faces merged",
                           .open = &MakeMergedGlbFile,
                           .not_kept = &TargetsNotDrawn}));
-    list.push_back(Drawn({.name = "vox",
-                          .extension = ".vox",
-                          .title = "MagicaVoxel",
-                          .open = &MakeVoxFile,
-                          .not_kept = &PlaceNotInVox}));
+    list.push_back(Drawn(
+        {.name = "vox", .extension = ".vox", .title = "MagicaVoxel", .open = &MakeVoxFile, .not_kept = &NotInVox}));
     list.push_back(Drawn({.name = "binvox",
                           .extension = ".binvox",
                           .title = "binvox",
@@ -166,6 +166,18 @@ void UseDefaultsOf(const OutputFormat& format, bool open_targets, bool open_resu
   if (request.fill != Fill::kNone) target.fill_values = {255};
 }
 
+void WarnOfNotKept(const OutputFormat& format, const ResultHeader& header, WarningList& warnings) {
+  if (format.not_kept == nullptr) return;
+  const std::string lost = format.not_kept(header);
+  if (!lost.empty()) warnings.Add(WarningCode::kNotKept, format.extension, lost);
+}
+
+std::string_view WhyNotBuilt(std::string_view extension) {
+  const auto* const found = std::find_if(kOptional.begin(), kOptional.end(),
+                                         [&](const auto& optional) { return optional.first == extension; });
+  return found == kOptional.end() || FindFormat(extension) != nullptr ? "" : found->second;
+}
+
 const OutputFormat* FindFormat(std::string_view extension) {
   const auto& list = List();
   const auto found = std::find_if(list.begin(), list.end(), [&](const auto& f) { return f.extension == extension; });
@@ -203,10 +215,8 @@ absl::Status CheckHolds(std::string_view extension, ResultKind kind, size_t targ
   const OutputFormat* const format = FindFormat(extension);
   const std::string shown(extension);
   if (format == nullptr) {
-    const auto* const absent = std::find_if(kOptional.begin(), kOptional.end(),
-                                            [&](const auto& optional) { return optional.first == extension; });
-    return absl::InvalidArgumentError(absl::StrCat("no writer for '", shown, "'", absent == kOptional.end() ? "" : ": ",
-                                                   absent == kOptional.end() ? "" : std::string(absent->second),
+    const std::string why(WhyNotBuilt(extension));
+    return absl::InvalidArgumentError(absl::StrCat("no writer for '", shown, "'", why.empty() ? "" : ": ", why,
                                                    "; known extensions are ", ListFormats(true)));
   }
   std::vector<std::string_view> others;

@@ -108,7 +108,7 @@ class ZarrDirectory final : public ResultFile {
     const bool vector = image.components > 1;
     ordered_json axes = ordered_json::array(), names = axes, datasets = axes;
     if (vector) axes.push_back({{"name", "c"}, {"type", "channel"}});
-    for (const char* axis : {"z", "y", "x"}) axes.push_back({{"name", axis}, {"type", "space"}, {"unit", "meter"}});
+    for (const char* axis : {"z", "y", "x"}) axes.push_back({{"name", axis}, {"type", "space"}});
     for (const ordered_json& axis : axes) names.push_back(axis["name"]);
     absl::Status s;
     for (size_t n = 0; n < image.levels.size() && s.ok(); ++n) {

@@ -10,6 +10,7 @@ namespace voxelpipe {
 // centroid.
 struct PositionShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
+  static constexpr bool kIsFraction = true;
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     const Vec3d* p = in.mesh->positions;
     const Vec3d v0 = p[in.vertex[0]], e1 = p[in.vertex[1]] - v0, e2 = p[in.vertex[2]] - v0;

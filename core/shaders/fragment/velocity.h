@@ -9,6 +9,7 @@ namespace voxelpipe {
 // outputs none.
 struct VelocityShader : FragmentShaderTraits {
   static constexpr bool kNeedsBarycentrics = true;
+  static constexpr bool kIsFraction = true;
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput& in) { return in.mesh->velocities == nullptr; }
   VOXELPIPE_HD static void Shade(const FragmentInput& in, const ShaderParams&, FragmentOutput& out) {
     const Vec3f* velocities = in.mesh->velocities;

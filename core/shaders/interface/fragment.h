@@ -33,8 +33,8 @@ struct FragmentShaderTraits {
   static constexpr bool kCanDiscard = false;  // may set FragmentOutput::discard
   // True if it may discard fragments of this material.
   VOXELPIPE_HD static bool MayDiscard(const MaterialView&) { return false; }
-  static constexpr bool kIsColor = false;  // 0 to 1 a channel: integer targets scale it to their range by default
-  static constexpr bool kIsFraction = false;  // -1 to 1, of which integer targets without a scale keep whole numbers
+  static constexpr bool kIsColor = false;     // 0 to 1 a channel: integer targets scale it to their range by default
+  static constexpr bool kIsFraction = false;  // gives fractions: integers without a scale keep whole numbers
   // Textures of the material that it samples.
   static constexpr bool kReadsBaseColor = false, kReadsEmissive = false, kReadsMetallicRoughness = false;
   // True if all fragments of the triangle have the same output, whatever their `voxel` and `barycentric`.

@@ -14,14 +14,16 @@
 #include "encode/result_file.h"
 #include "job/memory_sink.h"
 #include "observe/log.h"
+#include "pipeline/warnings.h"
 
 namespace voxelpipe {
 namespace {
 
 class FileExport final : public ResultExport, private ResultSink {
  public:
-  FileExport(std::shared_ptr<ExportedFile> file, bool hashed, const JobContext& job)
+  FileExport(std::shared_ptr<ExportedFile> file, const VoxelizeRequest& request, bool hashed, const JobContext& job)
       : file_(std::move(file)),
+        request_(request),
         job_(job),
         name_(absl::StrCat("result", std::string(file_->format.extension))),
         path_(absl::StrCat(file_->folder.path(), "/", name_)) {
@@ -47,6 +49,9 @@ class FileExport final : public ResultExport, private ResultSink {
  private:
   absl::Status Begin(const ResultHeader& header) override {
     if (BytesOf(header) > file_->max_bytes) return FileTooLarge(file_->max_bytes);
+    file_->warnings = {};
+    WarnOfNotKept(file_->format, header, file_->warnings);
+    if (absl::Status s = CheckStrict(request_, file_->warnings); !s.ok()) return s;
     if (!file_->format.picture()) {
       writer_ = file_->format.open(path_, &job_);
       return WithoutPaths(writer_->Begin(header));
@@ -76,6 +81,7 @@ class FileExport final : public ResultExport, private ResultSink {
   }
 
   const std::shared_ptr<ExportedFile> file_;
+  const VoxelizeRequest request_;
   const JobContext& job_;
   const std::string name_, path_;
   std::optional<Sha256> hash_;  // for formats that store it; none if the request asks for none
@@ -97,7 +103,7 @@ MakeExport ExportTo(std::shared_ptr<ExportedFile> file) {
     VoxelizeRequest& request = config.request;
     UseDefaultsOf(file->format, config.default_targets, config.default_result, request);
     if (absl::Status s = CheckHolds(file->format.extension, request.result, request.targets.size()); !s.ok()) return s;
-    return std::make_unique<FileExport>(file, config.settings.content_hash, job);
+    return std::make_unique<FileExport>(file, request, config.settings.content_hash, job);
   };
 }
 

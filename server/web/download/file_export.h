@@ -6,6 +6,7 @@
 #include <string>
 
 #include "absl/status/status.h"
+#include "base/warning.h"
 #include "encode/format_registry.h"
 #include "jobs/result_export.h"
 #include "web/download/temporary_folder.h"
@@ -18,7 +19,9 @@ struct ExportedFile {
   const OutputFormat& format;
   const uint64_t max_bytes;  // of all files at the same time
   const TemporaryFolder folder;
-  std::string path;  // of the complete file, once the call has ended with OK
+  // Once the call has ended with OK:
+  std::string path;      // of the complete file
+  WarningList warnings;  // of what the format does not hold
 };
 
 // Writes a result of any kind that `file.format` holds. Several files of a result (.raw with its description, a file a

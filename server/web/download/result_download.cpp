@@ -29,8 +29,7 @@ namespace {
 
 constexpr size_t kMaxWarningLines = 10;
 
-WebMetadata WarningHeaders(const v1::Summary& summary) {
-  const WarningList warnings = ReadWarnings(summary);
+WebMetadata WarningHeaders(const WarningList& warnings) {
   WebMetadata headers;
   const size_t lines = std::min(kMaxWarningLines, warnings.kept().size());
   for (size_t i = 0; i < lines; ++i) {
@@ -92,7 +91,8 @@ absl::StatusOr<ResultDownload::File> ResultDownload::Make(MHD_Connection* connec
   if (!setup.ok()) return setup.status();
   absl::StatusOr<TemporaryFolder> folder = TemporaryFolder::Create();
   if (!folder.ok()) return WithoutPaths(folder.status());
-  const std::shared_ptr<ExportedFile> exported(new ExportedFile{**format, web_.files.limit(), *std::move(folder), ""});
+  const std::shared_ptr<ExportedFile> exported(
+      new ExportedFile{**format, web_.files.limit(), *std::move(folder), "", {}});
   const ResultExports::Offer offer(web_.state.exports, ExportTo(exported));
   setup->metadata.emplace_back(ResultExports::kKey, offer.ticket());
 
@@ -121,7 +121,9 @@ absl::StatusOr<ResultDownload::File> ResultDownload::Make(MHD_Connection* connec
   file.bytes = uint64_t(facts.st_size);
   share_.ShrinkTo(file.bytes);  // the folder is removed; the open file stays until it is sent
   file.name = std::filesystem::path(exported->path).filename().string();
-  file.warnings = WarningHeaders(*summary);
+  WarningList warnings = ReadWarnings(*summary);
+  warnings.Append(exported->warnings);
+  file.warnings = WarningHeaders(warnings);
   return file;
 }
 

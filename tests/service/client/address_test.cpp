@@ -16,7 +16,7 @@ TEST(AddressTest, ThoseThatNoServerHasAreRefused) {
                                      {"localhost:port", "has the port 'port'"},
                                      {"localhost:0", "has the port '0'"},
                                      {"localhost:65536", "has the port '65536'"},
-                                     {":50051", "has no port"},
+                                     {":50051", "has no host"},
                                      {"::1", "has more than one colon"},
                                      {"[::1]", "has no port"},
                                      {"dns:///localhost", "has no port"},
@@ -28,8 +28,8 @@ TEST(AddressTest, ThoseThatNoServerHasAreRefused) {
 }
 
 TEST(AddressTest, ThoseOfGrpcAreTaken) {
-  for (const char* address : {"localhost:1", "[::1]:50051", "unix:/tmp/a", "unix:///tmp/a", "dns:///a:443", "dns:a:443",
-                              "ipv4:1.2.3.4:5"}) {
+  for (const char* address :
+       {"localhost:1", "[::1]:50051", "unix:/tmp/a", "unix:///tmp/a", "dns:///a:443", "dns:a:443", "ipv4:1.2.3.4:5"}) {
     EXPECT_TRUE(CheckAddress(address).ok()) << address;
   }
 }

@@ -60,8 +60,8 @@ TEST(RetryTest, AWaitEndsWithItsJob) {
 // Refuses the first estimates.
 class BusyService final : public v1::VoxelizationService::Service {
  public:
-  BusyService(int refusals, absl::Status error) : refusals_(refusals), error_(std::move(error)) {
-    builder_.AddListeningPort("127.0.0.1:0", grpc::InsecureServerCredentials(), &port_);
+  BusyService(int refusals, absl::Status error, int port = 0) : refusals_(refusals), error_(std::move(error)) {
+    builder_.AddListeningPort(absl::StrCat("127.0.0.1:", port), grpc::InsecureServerCredentials(), &port_);
     builder_.RegisterService(this);
     server_ = builder_.BuildAndStart();
   }
@@ -74,6 +74,7 @@ class BusyService final : public v1::VoxelizationService::Service {
     return grpc::Status::OK;
   }
   std::string target() const { return absl::StrCat("127.0.0.1:", port_); }
+  int port() const { return port_; }
   int calls() const { return calls_; }
 
  private:
@@ -85,12 +86,16 @@ class BusyService final : public v1::VoxelizationService::Service {
   std::unique_ptr<grpc::Server> server_;
 };
 
+absl::StatusOr<Plan> EstimateBy(Client& client, const JobContext& job) {
+  return client.Estimate(12, 8, Box3d{{0, 0, 0}, {1, 1, 1}, false}, VoxelizeRequest{}, job);
+}
+
 absl::StatusOr<Plan> EstimateAt(const BusyService& service, int retries, const JobContext& job) {
   ConnectOptions options;
   options.retries = retries;
   const auto client = Client::Connect(service.target(), options);
   if (!client.ok()) return client.status();
-  return (*client)->Estimate(12, 8, Box3d{{0, 0, 0}, {1, 1, 1}, false}, VoxelizeRequest{}, job);
+  return EstimateBy(**client, job);
 }
 
 TEST(RetryTest, AClientRepeatsWhatABusyServerRefused) {
@@ -115,6 +120,46 @@ TEST(RetryTest, AClientDoesNotRepeatWhatCannotSucceed) {
   const BusyService service(1000, absl::InvalidArgumentError("targets: none"));
   EXPECT_TRUE(absl::IsInvalidArgument(EstimateAt(service, 2, job).status()));
   EXPECT_EQ(service.calls(), 1);
+}
+
+// gRPC's servers end calls with CANCELLED that arrive as they shut down.
+TEST(RetryTest, ACallThatTheServerCancelsIsMadeAgain) {
+  const JobContext job;
+  const BusyService once(1, absl::CancelledError("CANCELLED"));
+  EXPECT_TRUE(EstimateAt(once, 2, job).ok());
+  EXPECT_EQ(once.calls(), 2);
+  const BusyService always(1000, absl::CancelledError("CANCELLED"));
+  EXPECT_TRUE(absl::IsUnavailable(EstimateAt(always, 2, job).status()));
+}
+
+TEST(RetryTest, TheDelayOfAServerThatDoesNotServeIsKept) {
+  const JobContext job;
+  const BusyService service(1000, NotServingError("its device failed", milliseconds(77)));
+  const absl::Status status = EstimateAt(service, 0, job).status();
+  EXPECT_TRUE(absl::IsUnavailable(status));
+  EXPECT_EQ(RetryDelay(status), milliseconds(77));
+}
+
+TEST(RetryTest, AJobWithADeadlineWaitsForAServerThatRestarts) {
+  auto service = std::make_unique<BusyService>(0, absl::OkStatus());
+  const int port = service->port();
+  const auto client = Client::Connect(service->target());  // two retries: below a second
+  ASSERT_TRUE(client.ok()) << client.status();
+  service.reset();
+  JobContext job;
+  EXPECT_TRUE(absl::IsUnavailable(EstimateBy(**client, job).status())) << "nobody waits without a deadline";
+  job.set_deadline(JobContext::Clock::now() + std::chrono::seconds(60));
+  std::thread restart([&] {
+    std::this_thread::sleep_for(std::chrono::seconds(2));
+    service = std::make_unique<BusyService>(0, absl::OkStatus(), port);
+  });
+  const absl::StatusOr<Plan> plan = EstimateBy(**client, job);
+  restart.join();
+  EXPECT_TRUE(plan.ok()) << plan.status();
+  JobContext late;
+  service.reset();
+  late.set_deadline(JobContext::Clock::now() + std::chrono::seconds(1));
+  EXPECT_FALSE(EstimateBy(**client, late).ok());
 }
 
 }  // namespace

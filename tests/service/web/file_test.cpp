@@ -185,6 +185,22 @@ TEST_F(FileTest, WarningsAreHeaders) {
   EXPECT_THAT(reply.Header("voxelpipe-warning"), HasSubstr("scene"));
 }
 
+TEST_F(FileTest, WhatAFormatDoesNotHoldIsAHeaderAndFailsAStrictRequest) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  VoxelizeRequest request = SmallRequest();
+  request.grid.resolution = 24;
+  request.result = ResultKind::kSparse;
+  EXPECT_EQ(FileOf("vox", request).Header("voxelpipe-warning"), "");
+  request.targets.push_back(request.targets[0]);  // of which a .vox shows one
+  const HttpReply reply = FileOf("vox", request);
+  EXPECT_EQ(reply.code, 200) << reply.body;
+  EXPECT_THAT(reply.Header("voxelpipe-warning"), HasSubstr("not every target"));
+  request.strict = true;
+  const HttpReply refused = FileOf("vox", request);
+  EXPECT_EQ(refused.code, 400) << refused.body;
+  EXPECT_THAT(refused.body, HasSubstr("not every target"));
+}
+
 TEST_F(FileTest, FilesBeyondTheLimitAreRefused) {
   ASSERT_NO_FATAL_FAILURE(Start({"--web-file-bytes", "100000"}));
   VoxelizeRequest request = SmallRequest();

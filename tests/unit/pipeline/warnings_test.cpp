@@ -245,6 +245,12 @@ TEST(Warnings, FractionsThatBecomeWholeNumbersAreSaid) {
   request.targets[0].encoding = Encoding::kLinear;
   request.targets[0].shader.name = "metallic_roughness";  // scaled as colours are
   for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
+  request.targets[0].shader.name = "position";
+  for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), ElementsAre("values_rounded"));
+  request.targets[0].shader = {"constant", {{"value", {1, 0.5, 3}}}};
+  for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), ElementsAre("values_rounded"));
+  request.targets[0].shader = {"constant", {{"value", {1, 2, 3}}}};
+  for (const auto& stats : RunAll(mesh, request)) EXPECT_THAT(Codes(stats->warnings), IsEmpty());
 }
 
 }  // namespace

@@ -44,9 +44,11 @@ def _fault(address: str) -> str:
         address = address[4:].rpartition("/")[2]
     if "://" in address:
         return "is a URL"
-    host, _, port = address.rpartition(":")
-    if not host or address.endswith("]"):
+    host, colon, port = address.rpartition(":")
+    if not colon or address.endswith("]"):
         return "has no port"
+    if not host:
+        return "has no host"
     if ":" in host and not (host.startswith("[") and host.endswith("]")):
         return "has more than one colon; an IPv6 address stands in brackets"
     if not re.fullmatch("[0-9]{1,5}", port) or not 1 <= int(port) <= 65535:

@@ -11,7 +11,7 @@ from .. import errors
 from .grpc_module import FORKS_ARE_SAFE, grpc
 from .helper import Helper
 from .session import SERVICE, Options, new_request_id
-from .status import of_call
+from .status import of_call, of_cancelled
 
 _Read = TypeVar("_Read")
 
@@ -216,6 +216,8 @@ class Connection:
         if not hasattr(error, "code"):
             return errors.Cancelled("the call was cancelled", request_id=request_id)
         text = error.details() or ""
+        if error.code() is grpc.StatusCode.CANCELLED and not self._closed:
+            return of_cancelled(self.options.server, request_id)
         return of_call(error.code().name, text, error.trailing_metadata(), self.options.server, request_id)
 
 

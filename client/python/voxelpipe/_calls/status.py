@@ -15,6 +15,8 @@ _MAX_DELAY_S = 3600.0  # a server's delay counts as at most this
 _MAX_NUMBER_DIGITS = 20  # of 64 bits
 _MESH_FORMATS = ("glTF", "GLB", "draco", "meshopt compression", "STL", "PLY", "OFF", "OBJ", "3MF")
 _MESH_PLACES = (*_MESH_FORMATS, "mesh", "buffer", "accessor", "image", "node")
+# gRPC's texts, lower case, where it has no connection for a call: it says so in no other way.
+_NO_CONNECTION = ("failed to connect to all addresses", "connections to all backends failing", "dns resolution failed")
 _BY_CODE: dict[str, type[errors.VoxelpipeError]] = {
     "FAILED_PRECONDITION": errors.NotAvailable,
     "DEADLINE_EXCEEDED": errors.DeadlineExceeded,
@@ -59,6 +61,13 @@ def of_call(
     return _made(code, message, status, pushback, target, request_id)
 
 
+def of_cancelled(target: str, request_id: str) -> errors.Unavailable:
+    """The error of a call that ended as CANCELLED without the caller's doing: gRPC's servers end calls that arrive as
+    they shut down in this way.
+    """
+    return errors.Unavailable(f"{target}: the server has cancelled the call", request_id=request_id)
+
+
 def of_status(status: Any, target: str, request_id: str) -> errors.VoxelpipeError:
     """In: the serialized google.rpc.Status of one job of a stream."""
     if status.code == 0:
@@ -99,10 +108,11 @@ def _made(
             return errors.QuotaExceeded(message, subject=subject, retry_after=delay, **common)
         return errors.Overloaded(message, retry_after=delay, **common)
     if code == "UNAVAILABLE":
-        signs = ("socket closed", "wrong version number")
-        one_side = "failed to connect" in message and any(sign in message.lower() for sign in signs)
+        text = message.lower()
+        connected = not any(sign in text for sign in _NO_CONNECTION)
+        one_side = not connected and any(sign in text for sign in ("socket closed", "wrong version number"))
         hint = " (TLS on one side only?)" if one_side else ""
-        return errors.Unavailable(f"{target}: {message}{hint}", retry_after=delay, **common)
+        return errors.Unavailable(f"{target}: {message}{hint}", retry_after=delay, connected=connected, **common)
     if code == "NOT_FOUND":
         name = found["ResourceInfo"].resource_name if "ResourceInfo" in found else ""
         return errors.MeshNotFound(message, mesh_id=name, **common)

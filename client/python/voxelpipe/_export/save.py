@@ -6,6 +6,7 @@ import math
 import os
 import pathlib
 import warnings
+import zipfile
 from typing import TYPE_CHECKING, Any
 
 import numpy
@@ -95,12 +96,21 @@ def _fill(grid: "VoxelGrid", kind: str, file: Any) -> None:
     if kind == ".npy":
         numpy.save(file, _as_written(grid.array))
     elif kind == ".npz":
-        numpy.savez(file, **_arrays(grid))
+        _write_npz(file, _arrays(grid))
     elif kind == ".raw":
         name = grid.targets[0].name
         file.write(grid.packed(name) if grid.targets[0].format == "bit" else grid.stored[name].reshape(-1).data)
     else:
         file.write(grid._repr_png_())
+
+
+def _write_npz(file: Any, arrays: dict[str, Any]) -> None:
+    # numpy.savez takes no array of the name "file"
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                write_array: Any = numpy.lib.format.write_array
+                write_array(entry, numpy.asanyarray(array), allow_pickle=False)
 
 
 def _as_written(array: Any) -> Any:
@@ -114,13 +124,16 @@ def _arrays(grid: "VoxelGrid") -> dict[str, Any]:
     elif grid.kind == "buckets":
         buckets = grid.buckets
         arrays |= {"ijk": buckets.ijk, "offsets": buckets.offset.astype(numpy.int64), "triangle": buckets.triangle}
-    arrays |= {target.name: _as_written(grid[target.name]) for target in grid.targets}
-    return arrays | {
+    place = {
         "dims": numpy.asarray(grid.dims, numpy.int64),
         "origin": numpy.asarray(grid.origin_corner),
         "voxel_size": numpy.asarray(grid.voxel_size),
         "index_to_world": grid.index_to_world,
     }
+    for target in grid.targets:
+        if target.name in arrays or target.name in place:
+            raise ValueError(f"the target '{target.name}' has the name of another array of an .npz; rename it")
+    return arrays | {target.name: _as_written(grid[target.name]) for target in grid.targets} | place
 
 
 def _description(grid: "VoxelGrid", file_name: str) -> str:

@@ -97,7 +97,8 @@ def _load(mesh: MeshLike, code: int, allow_outside: bool) -> MeshFile:
         data = read()
         if not isinstance(data, (bytes, bytearray, memoryview)):
             raise TypeError("the file object gives text; open it in binary mode, open(path, 'rb')")
-        return MeshFile(memoryview(data).cast("B"), code, str(getattr(mesh, "name", "")))
+        content, name = memoryview(data).cast("B"), str(getattr(mesh, "name", ""))
+        return MeshFile(content, code or format_of(pathlib.Path(name), content), name)
     arrays = arrays_of(mesh)
     return arrays if isinstance(arrays, MeshFile) else _of_arrays(arrays)
 

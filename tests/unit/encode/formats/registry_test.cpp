@@ -75,7 +75,7 @@ TEST(VoxFile, IsCentredAndSaysWhatReachesBeyond) {
   };
   const OutputFormat* const vox = FindFormat(".vox");
   ASSERT_NE(vox, nullptr);
-  EXPECT_THAT(vox->not_kept(header({2000, 2000, 2000})), Not(HasSubstr("-1000")));
+  EXPECT_EQ(vox->not_kept(header({2000, 2000, 2000})), "") << "the missing place is known of the format";
   EXPECT_THAT(vox->not_kept(header({5, 5, 2001})), HasSubstr("from -1000 to 999 along each axis"));
 
   // A voxel at each end of a long grid.

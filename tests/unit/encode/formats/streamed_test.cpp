@@ -186,6 +186,7 @@ TEST(NiftiHeader, LongAxesTakeTheSecondVersion) {
   GridSpec grid;
   grid.dims = {32767, 1, 1};
   EXPECT_EQ(NiftiHeader(DenseHeader(request, grid)).size(), 352u);
+  EXPECT_EQ(NiftiHeader(DenseHeader(request, grid))[123], 0) << "no unit";
   grid.dims = {2, 300000, 70000};  // 4.2e10 voxels
   grid.origin = {0, 0.1, 0};
   const std::string header = NiftiHeader(DenseHeader(request, grid));
@@ -196,7 +197,7 @@ TEST(NiftiHeader, LongAxesTakeTheSecondVersion) {
   EXPECT_EQ(NumberAt<int64_t>(header, 16 + 24), 70000);
   EXPECT_EQ(NumberAt<int64_t>(header, 168), 544);      // vox_offset
   EXPECT_EQ(NumberAt<double>(header, 432 + 24), 0.6);  // srow_y[3]
-  EXPECT_EQ(NumberAt<int32_t>(header, 500), 1);        // metres
+  EXPECT_EQ(NumberAt<int32_t>(header, 500), 0);        // no unit: that of the mesh is not known
 }
 
 TEST(NiftiHeader, PlacesThatFloatsDoNotHoldTakeTheSecondVersion) {

@@ -1,4 +1,4 @@
-// Checks that a mesh from another process is valid: what the pipeline relies on not to access memory out of bounds.
+// Checks that a mesh from elsewhere is valid: what the pipeline relies on not to access memory out of bounds.
 #pragma once
 
 #include "absl/status/status.h"
@@ -7,7 +7,7 @@
 namespace voxelpipe {
 
 // In: any values. OK if all guarantees of triangle_mesh.h, material.h and rig.h for counts, indices and coordinates
-// hold; otherwise INTERNAL naming the first violation. O(size of the mesh), on several threads.
+// hold; otherwise INVALID_ARGUMENT naming the first violation. O(size of the mesh), on several threads.
 absl::Status CheckMesh(const TriangleMesh& mesh);
 
 // For materials, textures and images alone.

@@ -1,4 +1,4 @@
-#include "isolate/mesh_check.h"
+#include "mesh/health/check_mesh.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
@@ -19,7 +19,7 @@ namespace {
 constexpr size_t kGrain = 1 << 15;
 
 absl::Status Broken(const char* what) {
-  return absl::InternalError(absl::StrCat("a process that loads meshes returned an invalid mesh: ", what));
+  return absl::InvalidArgumentError(absl::StrCat("mesh: ", what));
 }
 
 template <typename T>
