@@ -227,14 +227,25 @@ std::string KnownParameters(const ShaderInfo& info, const std::string& name) {
   return absl::StrCat(" (", nearest, nearest.empty() ? "" : " ", "known: ", absl::StrJoin(known, ", "), ")");
 }
 
+const ShaderParameterInfo* FindParameter(const ShaderInfo& info, const std::string& name) {
+  const auto& known = info.parameters;
+  const auto found = std::find_if(known.begin(), known.end(), [&](const auto& p) { return p.name == name; });
+  return found == known.end() ? nullptr : &*found;
+}
+
+absl::Status NoParameter(const ShaderInfo& info, const std::string& name) {
+  return absl::InvalidArgumentError(
+      absl::StrCat("shader '", info.name, "' has no parameter '", name, "'", KnownParameters(info, name)));
+}
+
 // The text parameters, every one of which must be given.
 absl::Status TakeText(const ShaderCall& call, BoundShader& bound) {
   for (const auto& [name, value] : call.text) {
-    const auto& known = bound.info->parameters;
-    const auto is_text = [&name = name](const auto& p) { return p.name == name && p.type == "string"; };
-    if (std::none_of(known.begin(), known.end(), is_text)) {
-      return absl::InvalidArgumentError(absl::StrCat("shader '", call.name, "' has no text parameter '", name, "'"));
-    }
+    const ShaderParameterInfo* const parameter = FindParameter(*bound.info, name);
+    if (parameter == nullptr) return NoParameter(*bound.info, name);
+    if (parameter->type == "string") continue;
+    return absl::InvalidArgumentError(
+        absl::StrCat("shader '", call.name, "': parameter '", name, "' takes numbers, '", value, "' given"));
   }
   for (const ShaderParameterInfo& parameter : bound.info->parameters) {
     if (parameter.type != "string") continue;
@@ -295,11 +306,7 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
   }
   if (found != call.parameters.size()) {
     for (const auto& [name, value] : call.parameters) {
-      const auto& known = bound.info->parameters;
-      if (std::none_of(known.begin(), known.end(), [&name = name](const auto& p) { return p.name == name; })) {
-        return absl::InvalidArgumentError(
-            absl::StrCat("shader '", call.name, "' has no parameter '", name, "'", KnownParameters(*bound.info, name)));
-      }
+      if (FindParameter(*bound.info, name) == nullptr) return NoParameter(*bound.info, name);
     }
   }
   if (absl::Status s = TakeText(call, bound); !s.ok()) return s;

@@ -8,7 +8,10 @@
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <span>
+#include <type_traits>
 #include <unordered_map>
+#include <variant>
 
 #include "absl/strings/str_cat.h"
 #include "batch/done_record.h"
@@ -68,56 +71,41 @@ struct ItemNames {
   std::optional<std::string> id{}, input{}, output{}, format{}, preview{}, view{}, unit{}, input_format{};
 };
 
-// Sets one option of the request; false if there is none of this name.
+// Sets one option of the request; false if there is none of this name. A list also has its plural as a key.
 absl::StatusOr<bool> SetOption(const std::string& key, const json& value, RequestOptions& options) {
-  const auto set = [&](auto& field) -> absl::StatusOr<bool> {
-    absl::StatusOr<std::string> text = AsText(key, value);
-    if (!text.ok()) return text.status();
-    field = *std::move(text);
-    return true;
+  const std::span<const RequestOption> list = ListRequestOptions();
+  const auto has_key = [&](const RequestOption& option) {
+    return key == option.name || (std::holds_alternative<std::vector<std::string> RequestOptions::*>(option.value) &&
+                                  key == absl::StrCat(std::string(option.name), "s"));
   };
-  const auto set_whole = [&](auto& field) -> absl::StatusOr<bool> {
-    const absl::StatusOr<int64_t> number = AsWhole(key, value);
-    if (!number.ok()) return number.status();
-    using Field = std::remove_reference_t<decltype(field)>;
-    if constexpr (std::is_same_v<Field, int>) {
-      if (*number < 0 || *number > INT32_MAX) return Wrong("'", key, "' is out of range");
+  const auto found = std::find_if(list.begin(), list.end(), has_key);
+  if (found == list.end()) return false;
+  const auto set = [&](auto field) -> absl::Status {
+    auto& out = options.*field;
+    const auto take = [&out](auto read) {
+      if (read.ok()) out = *std::move(read);
+      return read.status();
+    };
+    using Field = std::remove_reference_t<decltype(out)>;
+    if constexpr (std::is_same_v<Field, bool>) {
+      if (!value.is_boolean()) return Wrong("'", key, "': true or false is expected");
+      out = value.get<bool>();
+      return absl::OkStatus();
+    } else if constexpr (std::is_same_v<Field, std::vector<std::string>>) {
+      return take(AsTexts(key, value));
+    } else if constexpr (std::is_same_v<Field, int>) {
+      const absl::StatusOr<int64_t> number = AsWhole(key, value);
+      if (number.ok() && (*number < 0 || *number > INT32_MAX)) return Wrong("'", key, "' is out of range");
+      if (number.ok()) out = int(*number);
+      return number.status();
+    } else if constexpr (std::is_same_v<Field, int64_t> || std::is_same_v<Field, std::optional<int64_t>>) {
+      return take(AsWhole(key, value));
+    } else {
+      return take(AsText(key, value));
     }
-    field = Field(*number);
-    return true;
   };
-  if (key == "resolution") return set_whole(options.resolution);
-  if (key == "padding") return set_whole(options.padding);
-  if (key == "threads") return set_whole(options.threads);
-  if (key == "strict") {
-    if (!value.is_boolean()) return Wrong("'strict': true or false is expected");
-    options.strict = value.get<bool>();
-    return true;
-  }
-  const std::map<std::string, std::optional<std::string>*> optional = {{"voxel_size", &options.voxel_size},
-                                                                       {"dims", &options.dims},
-                                                                       {"origin", &options.origin},
-                                                                       {"fit", &options.fit},
-                                                                       {"shader", &options.shader},
-                                                                       {"vertex_shader", &options.vertex_shader},
-                                                                       {"grid_like", &options.grid_like},
-                                                                       {"axes", &options.axes},
-                                                                       {"clip", &options.clip},
-                                                                       {"result", &options.result}};
-  if (const auto found = optional.find(key); found != optional.end()) return set(*found->second);
-  const std::map<std::string, std::string*> plain = {{"coverage", &options.coverage},
-                                                     {"fill", &options.fill},
-                                                     {"layout", &options.layout},
-                                                     {"backend", &options.backend},
-                                                     {"simd", &options.simd}};
-  if (const auto found = plain.find(key); found != plain.end()) return set(*found->second);
-  if (key == "target" || key == "targets") {
-    absl::StatusOr<std::vector<std::string>> targets = AsTexts(key, value);
-    if (!targets.ok()) return targets.status();
-    options.targets = *std::move(targets);
-    return true;
-  }
-  return false;
+  if (absl::Status s = std::visit(set, found->value); !s.ok()) return s;
+  return true;
 }
 
 absl::Status SetName(const std::string& key, const json& value, ItemNames& names) {
@@ -180,8 +168,9 @@ absl::StatusOr<std::string> InsideOutput(const char* key, const std::string& tex
 
 absl::Status CheckFormat(const std::string& extension, const VoxelizeRequest& request) {
   if (!IsKnownExtension(extension)) {
-    return Wrong(extension.empty() ? "no format" : absl::StrCat("'", extension, "' is no known format"), "; known are ",
-                 ListFormats(false));
+    const std::string why(WhyNotBuilt(extension));
+    return Wrong(extension.empty() ? "no format" : absl::StrCat("'", extension, "' is no known format"),
+                 why.empty() ? "" : ": ", why, "; known are ", ListFormats(false));
   }
   return CheckHolds(extension, request.result, request.targets.size());
 }
@@ -287,9 +276,9 @@ class Reader {
     const std::string key = absl::StrCat(canonical, options.backend, " ", options.simd, " ", options.threads);
     std::shared_ptr<const BatchRequest>& known = requests_[key];
     if (known != nullptr) return known;
-    const absl::StatusOr<RequestOptions> with_grid = WithGridLike(options);
+    const absl::StatusOr<RequestOptions> with_grid = WithGridLike(options, OptionNames::kKeys);
     if (!with_grid.ok()) return with_grid.status();
-    absl::StatusOr<VoxelizeRequest> request = BuildRequest(*with_grid);
+    absl::StatusOr<VoxelizeRequest> request = BuildRequest(*with_grid, OptionNames::kKeys);
     if (!request.ok()) return request.status();
     const std::string identity = Canonical(*with_grid);
     std::string digest = Sha256Hex({reinterpret_cast<const uint8_t*>(identity.data()), identity.size()});

@@ -12,7 +12,7 @@
 #include "encode/preview/preview_view.h"
 #include "job/request.h"
 #include "options/mesh_type.h"
-#include "options/request_options.h"
+#include "request_text/request_options.h"
 
 namespace voxelpipe::cli {
 

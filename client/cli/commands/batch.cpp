@@ -161,6 +161,7 @@ void AddBatchCommand(Command& app, int& exit_code) {
       .Check(RefuseEmpty);
   add("--output-dir", plan.output_dir, "D", "Where the results go").Required().Check(RefuseEmpty);
   add("--format", arguments->defaults.format, FormatChoices(), "Of outputs that name none (default npy; npz for lists)")
+      .Check([](const std::string& name) { return std::string(WhyNotBuilt(absl::StrCat(".", name))); })
       .Choices(FormatNames());
   add("--view", arguments->defaults.view, "VIEW",
       "Camera of pictures: iso (default), front, back, left, right, top, bottom, or AZIMUTH,ELEVATION in degrees")

@@ -19,8 +19,8 @@
 #include "options/missing_file.h"
 #include "options/output_plan.h"
 #include "options/request_flags.h"
-#include "options/request_options.h"
 #include "options/standard_streams.h"
+#include "request_text/request_options.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -147,6 +147,7 @@ void AddVoxelizeCommand(Command& app, int& exit_code) {
       .AddOption("--format", arguments->names.format,
                  Wrapped("Of the result on standard output, or in a directory (default npy; npz for lists)"))
       .Type(FormatChoices())
+      .Check([](const std::string& name) { return std::string(WhyNotBuilt(absl::StrCat(".", name))); })
       .Choices(FormatNames());
   command.AddOption("--preview", arguments->names.preview, "Also write a picture: a shaded view and three slices")
       .Type("PNG")

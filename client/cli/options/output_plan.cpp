@@ -82,8 +82,9 @@ absl::Status PlanPlace(const Place& place, const InputList& inputs, std::vector<
     return absl::OkStatus();
   }
   if (!IsKnownExtension(given) || (picture && given != ".png")) {
-    return Wrong(option, ": '", path, "': the extension must be ", picture ? ".png" : ListFormats(true),
-                 given.empty() ? ", but there is none" : "");
+    const std::string why(WhyNotBuilt(given));
+    return Wrong(option, ": '", path, "': ", why, why.empty() ? "" : "; ", "the extension must be ",
+                 picture ? ".png" : ListFormats(true), given.empty() ? ", but there is none" : "");
   }
   plans[0].*member = path;
   return absl::OkStatus();

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "command_line/command.h"
-#include "options/request_options.h"
+#include "request_text/request_options.h"
 
 namespace voxelpipe::cli {
 

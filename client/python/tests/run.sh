@@ -19,7 +19,7 @@ done
 tree="$work/tree"
 rm -rf "$tree"
 mkdir -p "$tree/client/python"
-ln -s "$here/../../proto" "$tree/proto"
+ln -s "$here/../../proto" "$here/../../tests" "$tree/"  # its tests read a table that the core reads too
 cd "$here"
 cp -r generate_stubs.py setup.py pyproject.toml README.md voxelpipe tests examples bench "$tree/client/python/"
 cd "$tree/client/python"

@@ -42,7 +42,7 @@ def test_targets_from_text(text: str, expected: Target) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "normal:f33", "f32x5", "bit:bit", "normal:f32:replace:add", "bit:or:size=3", "normal:f32:shader=uv", "a b"],
+    ["", "normal:f33", "f32x5", "bit:bit", "normal:f32:replace:add", "normal:f32:shader=uv", "a b"],
 )
 def test_wrong_targets_are_named(text: str) -> None:
     with pytest.raises(InvalidRequest):
@@ -70,6 +70,9 @@ def test_wrong_targets_are_named(text: str) -> None:
         ({"result": "list"}, "result"),
         ({"backend": "gpu"}, "backend"),
         ({"like": GridPlace((1, 1, 1), (0, 0, 0), (1, 1, 1)), "padding": 1}, "like"),
+        ({"like": GridPlace((1, 1, 1), (0, 0, 0), (1, 1, 1)), "fit": "cube"}, "like"),
+        ({"voxel_size": 1, "fit": "cube"}, "fit"),
+        ({"dims": (1, 2, 3), "fit": "cube"}, "fit"),
         ({"targets": ["bit"] * 9}, "targets"),
         ({"targets": ["bit"], "color": "base_color:u8"}, "targets"),
         ({"targets": [Target(name="a"), Target(name="a")]}, "targets"),

@@ -94,10 +94,11 @@ def voxelize(
         those whose centre it passes, "none" none (with a fill by crossings: the voxels whose centre is inside).
     fill: the inside: "parity" by crossings along x, "nonzero" by their signs (parts may overlap), "flood".
 
-    targets: up to 8: Target objects or texts, "SHADER:FORMAT[xC][:BLEND][:key=value,...]" or as the command line writes
-        them; default: bits of occupancy. Or by keyword, which names them in the result: color="base_color:srgb8"; then
-        the bits of occupancy come first, as "mask". A keyword that is an option of the command line (axes, preview,
-        target, ...) or close to an option of this call (shaders) is refused; targets=[Target(name=...)] takes any name.
+    targets: up to 8: Target objects or texts, "[SHADER][:FORMAT[xC]][:BLEND][:key=value,...]" as the command line
+        takes them (Target.parse); default: bits of occupancy. Or by keyword, which names them in the result:
+        color="base_color:srgb8"; then the bits of occupancy come first, as "mask". A keyword that is an option of the
+        command line (axes, preview, target, ...) or close to an option of this call (shaders) is refused;
+        targets=[Target(name=...)] takes any name.
     shader: of the targets that name none.
     vertex_shader: such as "transform:matrix=..." or Shader("skin", {"time": 0.5}).
     result: "dense", "sparse" (the occupied bricks of 8x8x8 voxels) or "buckets" (all fragments of each voxel).

@@ -161,11 +161,11 @@ def _listed(targets: Any) -> list[TargetLike]:
     return listed
 
 
-def _named(name: str, target: TargetLike) -> Target:
+def _named(name: str, target: TargetLike, shader: Shader | None) -> Target:
     if not isinstance(target, str):
         return dataclasses.replace(target, name=name)
     try:
-        return Target.parse(target, name)
+        return Target.parse(target, name, shader)
     except InvalidRequest as error:
         raise InvalidRequest(
             f"{name}: is no option, so it names a target, but {error.message}", field=error.field
@@ -187,13 +187,13 @@ def _targets(
     if named:
         listed = [] if "mask" in named or result == "buckets" else [Target(name="mask")]
         for name, target in named.items():
-            listed.append(_named(name, target))
+            listed.append(_named(name, target, shader))
         if listed[0].name == "mask" and listed[0].shader is None:
             listed[0] = dataclasses.replace(listed[0], shader=Shader("occupancy"))
     elif targets is None:
         listed = [Target() if shader is None or shader.name == "occupancy" else Target(format="f32")]
     else:
-        listed = [Target.parse(target) if isinstance(target, str) else target for target in targets]
+        listed = [Target.parse(target, "", shader) if isinstance(target, str) else target for target in targets]
     if not 1 <= len(listed) <= _MAX_TARGETS:
         raise InvalidRequest(f"targets: {len(listed)} of them; 1 to {_MAX_TARGETS} are possible", field="targets")
     numbered = [

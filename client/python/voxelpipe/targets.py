@@ -2,12 +2,12 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from typing import Any, Mapping, Sequence, Union, get_args
 
 import numpy
 import numpy.typing
 
+from . import texts
 from ._proto.voxelpipe.v1 import types_pb2 as types
 from .errors import InvalidRequest
 from .names import Blend, Encoding, Format
@@ -16,9 +16,6 @@ ParameterValue = Union[float, int, str, Sequence[float], Sequence[Sequence[float
 
 _FORMATS = get_args(Format)
 _BLENDS = get_args(Blend)
-_FORMAT = re.compile(r"(bit|u8|u16|u32|f16|f32|srgb8)(?:x([1-4]))?")
-_WRONG_FORMAT = re.compile(r"(bit|[ufi][0-9]+|srgb8?)(x[0-9]+)?")
-_SHADER = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)(?:\(([^()]*)\))?")
 DTYPES: dict[str, numpy.dtype[Any]] = {
     "bit": numpy.dtype(numpy.bool_),
     "u8": numpy.dtype("<u1"),
@@ -42,15 +39,14 @@ class Shader:
 
     @staticmethod
     def parse(text: str) -> "Shader":
-        """In: "NAME", "NAME(TEXT)" for `attribute`, or "NAME:key=value,key=a/b/c". Errors: InvalidRequest."""
-        head, _, rest = text.partition(":")
-        match = _SHADER.fullmatch(head.strip())
-        if not match:
-            raise InvalidRequest(f"shader: '{text}' is no shader; expected NAME[:key=value,...]", field="shader")
-        parameters = _parsed_parameters(rest, "shader")
-        if match[2] is not None:
-            parameters["name"] = match[2]
-        return Shader(match[1], parameters)
+        """In: "NAME" or "NAME:key=value,key=a/b/c". A value that is no numbers is a text, and so is that of the key
+        `name`, which may stand in brackets: "attribute(_HEAT)". Errors: InvalidRequest.
+        """
+        try:
+            parsed = texts.parse_shader(text)
+        except texts.WrongText as error:
+            raise InvalidRequest(f"shader: {error}", field="shader") from None
+        return _shader_of(parsed.name, parsed.parameters)
 
     def to_message(self) -> types.ShaderCall:
         """The message of the service."""
@@ -90,15 +86,34 @@ class Target:
     encoding: Encoding = "linear"
 
     @staticmethod
-    def parse(text: str, name: str = "") -> "Target":
-        """A target from text, in one of two forms:
+    def parse(text: str, name: str = "", default_shader: Shader | None = None) -> "Target":
+        """In: "[SHADER][:FORMAT[xC]][:BLEND][:key=value,...]", at least one part, as in "base_color:srgb8",
+        "normal:f32", "attribute(_HEAT):f32x1:average" or "u8:max:clear=255"; the command line reads the same.
 
-        "SHADER[:FORMAT[xC]][:BLEND][:key=value,...]", such as "base_color:srgb8", "normal:f32" or
-        "attribute(_TEMPERATURE):f32x1:average"; and the command line's "FORMAT[xC]:BLEND[:key=value,...]", such as
-        "f32x3:replace:shader=normal". "srgb8" is u8 with the encoding srgb. Keys: shader, clear, fill, scale, quantum,
-        encoding, or a parameter of the shader. Errors: InvalidRequest.
+        FORMAT: also srgb8, which is u8 with the encoding srgb; without one f32, of occupancy bit. Keys: clear, fill,
+        scale, quantum, encoding, shader in place of SHADER, or a parameter of the shader; without SHADER it goes on top
+        of default_shader, that of the request. Errors: InvalidRequest.
         """
-        return _parse_target(text, name)
+        try:
+            parsed = texts.parse_target(text)
+        except texts.WrongText as error:
+            raise InvalidRequest(f"targets: {error}", field="targets") from None
+        shader = None if parsed.shader is None else _shader_of(parsed.shader.name, parsed.shader.parameters)
+        used = shader or default_shader or Shader("occupancy")
+        if parsed.extra:
+            shader = Shader(used.name, {**used.parameters, **_shader_of(used.name, parsed.extra).parameters})
+        return Target(
+            format=parsed.format or ("bit" if used.name == "occupancy" else "f32"),  # type: ignore[arg-type]
+            components=parsed.components,
+            blend=parsed.blend,  # type: ignore[arg-type]
+            shader=shader,
+            name=name,
+            clear=0.0 if parsed.clear is None else parsed.clear,
+            fill=None if parsed.fill is None else _one_or_several(parsed.fill),
+            scale=parsed.scale,
+            quantum=parsed.quantum,
+            encoding=parsed.encoding or "linear",  # type: ignore[arg-type]
+        )
 
     def to_message(self, default_shader: Shader | None = None) -> types.RenderTarget:
         """The message of the service. In: the request's shader, for targets without one of their own."""
@@ -129,77 +144,10 @@ class Target:
         return message
 
 
-def _value(text: str) -> ParameterValue:
-    try:
-        numbers = [float(part) for part in text.split("/")]
-    except ValueError:
-        return text
+def _one_or_several(numbers: list[float]) -> float | list[float]:
     return numbers[0] if len(numbers) == 1 else numbers
 
 
-def _parsed_parameters(text: str, field: str) -> dict[str, ParameterValue]:
-    parameters: dict[str, ParameterValue] = {}
-    for part in text.split(",") if text else []:
-        key, equals, value = part.partition("=")
-        if not equals or not key or not value:
-            raise InvalidRequest(f"{field}: '{part}' is not key=value", field=field)
-        if key in parameters:
-            raise InvalidRequest(f"{field}: '{key}' is given twice", field=field)
-        parameters[key] = _value(value)
-    return parameters
-
-
-def _number(value: ParameterValue, key: str) -> float:
-    if isinstance(value, (int, float)):
-        return float(value)
-    raise InvalidRequest(f"targets: {key}={value!r} is no number", field="targets")
-
-
-def _parse_target(text: str, name: str) -> Target:
-    parts = [part.strip() for part in text.split(":")]
-    if not all(parts):
-        raise InvalidRequest(f"targets: '{text}' has an empty part", field="targets")
-    settings = _parsed_parameters(parts.pop(), "targets") if "=" in parts[-1] else {}
-    shader: Shader | None = None
-    if parts and not _FORMAT.fullmatch(parts[0]):
-        if _WRONG_FORMAT.fullmatch(parts[0]):
-            raise InvalidRequest(f"targets: '{text}': '{parts[0]}' is no format", field="targets")
-        shader = Shader.parse(parts.pop(0))
-    fields: dict[str, object] = {"name": name}
-    if parts:
-        match = _FORMAT.fullmatch(parts[0])
-        if match:
-            fields["format"] = "u8" if match[1] == "srgb8" else match[1]
-            if match[1] == "srgb8":
-                fields["encoding"] = "srgb"
-            if match[2]:
-                fields["components"] = int(match[2])
-            parts.pop(0)
-    if "format" not in fields:
-        fields["format"] = "bit" if shader is None or shader.name == "occupancy" else "f32"
-    if parts:
-        if parts[0] not in _BLENDS:
-            raise InvalidRequest(
-                f"targets: '{text}': '{parts[0]}' is neither a format ({', '.join(_FORMATS)}, srgb8) nor a blend "
-                f"({', '.join(_BLENDS)})",
-                field="targets",
-            )
-        fields["blend"] = parts.pop(0)
-    if parts:
-        raise InvalidRequest(f"targets: '{text}': '{parts[0]}' is left over", field="targets")
-    if "shader" in settings:
-        if shader is not None:
-            raise InvalidRequest(f"targets: '{text}' names two shaders", field="targets")
-        shader = Shader.parse(str(settings.pop("shader")))
-    for key in ("clear", "scale", "quantum"):
-        if key in settings:
-            fields[key] = _number(settings.pop(key), key)
-    if "fill" in settings:
-        fields["fill"] = settings.pop("fill")
-    if "encoding" in settings:
-        fields["encoding"] = settings.pop("encoding")
-    if settings:
-        if shader is None:
-            raise InvalidRequest(f"targets: '{text}': '{next(iter(settings))}' is no key of a target", field="targets")
-        shader = Shader(shader.name, {**shader.parameters, **settings})
-    return Target(shader=shader, **fields)  # type: ignore[arg-type]
+def _shader_of(name: str, parameters: texts.Parameters) -> Shader:
+    values = {key: value if isinstance(value, str) else _one_or_several(value) for key, value in parameters.items()}
+    return Shader(name, values)

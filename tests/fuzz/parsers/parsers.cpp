@@ -15,8 +15,10 @@
 #include "load/decode/image.h"
 #include "load/load_job.h"
 #include "mesh/flatten_job.h"
-#include "options/axes.h"
-#include "options/parse.h"
+#include "request_text/axes.h"
+#include "request_text/numbers.h"
+#include "request_text/shader_text.h"
+#include "request_text/target_text.h"
 #include "support/meshes/zip_maker.h"
 #ifdef VOXELPIPE_FUZZ_WEB
 #include "web/http/frames.h"
@@ -141,13 +143,13 @@ void RunManifest(Bytes bytes) {
 // The small languages of the command line.
 void RunOptions(Bytes bytes) {
   const std::string text = Text(bytes);
-  static_cast<void>(cli::ParseVoxelSize(text));
-  static_cast<void>(cli::ParsePoint(text));
-  static_cast<void>(cli::ParseDims(text));
-  static_cast<void>(cli::ParseAxes(text));
-  static_cast<void>(cli::ParseBox(text));
-  static_cast<void>(cli::ParseShaderCall(text));
-  static_cast<void>(cli::ParseTarget(text, {"occupancy", {}}));
+  static_cast<void>(ParseVoxelSize(text));
+  static_cast<void>(ParsePoint(text));
+  static_cast<void>(ParseDims(text));
+  static_cast<void>(ParseAxes(text));
+  static_cast<void>(ParseBox(text));
+  static_cast<void>(ParseShaderCall(text));
+  static_cast<void>(ParseTarget(text, {"occupancy", {}}));
   static_cast<void>(cli::ParseShard(text));
 }
 

@@ -153,7 +153,7 @@ TEST_F(CliGrid, WrongBoxesExitWith2) {
 TEST_F(CliGrid, WrongAxesExitWith2) {
   ExpectRefused({"--axes", "x,x,y"}, "as in x,z,-y");
   ExpectRefused({"--axes", ""}, "--axes");
-  ExpectRefused({"--axes", "x,z,-y", "--vertex-shader", "skin:time=0"}, "leave --axes out");
+  ExpectRefused({"--axes", "x,z,-y", "--vertex-shader", "skin:time=0"}, "leave the axes out");
 }
 
 }  // namespace

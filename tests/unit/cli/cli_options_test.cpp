@@ -45,7 +45,7 @@ TEST_F(CliOptions, HelpExplainsAndSucceeds) {
     EXPECT_EQ(outcome.err, "");
     EXPECT_THAT(outcome.out, HasSubstr("voxelpipe"));
   }
-  EXPECT_THAT(RunCli({"voxelize", "--help"}).out, HasSubstr("f32xC:replace"));
+  EXPECT_THAT(RunCli({"voxelize", "--help"}).out, HasSubstr("base_color:srgb8"));
   EXPECT_EQ(RunCli({"--version"}).exit_code, 0);
 }
 

@@ -78,7 +78,7 @@ TEST(CatalogTest, NamesWhatIsWrong) {
               HasSubstr("last row"));
   EXPECT_THAT(message(ShaderStage::kFragment, {"attribute", {}}), HasSubstr("'name' must be given as text"));
   EXPECT_THAT(message(ShaderStage::kFragment, {"attribute", {{"name", {1}}}}), HasSubstr("must be given as text"));
-  EXPECT_THAT(message(ShaderStage::kFragment, {"uv", {}, {{"set", "1"}}}), HasSubstr("no text parameter 'set'"));
+  EXPECT_THAT(message(ShaderStage::kFragment, {"uv", {}, {{"set", "1"}}}), HasSubstr("'set' takes numbers, '1' given"));
   EXPECT_THAT(message(ShaderStage::kFragment, {"uv", {{"set", {2}}}}), HasSubstr("whole number from 0 to 1, 2 given"));
   EXPECT_THAT(message(ShaderStage::kFragment, {"checker", {{"size", {0}}}}), HasSubstr("from 1 to"));
   EXPECT_THAT(message(ShaderStage::kFragment, {"checker", {{"size", {2.5}}}}), HasSubstr("whole number"));

@@ -1,12 +1,12 @@
 // Signed permutations of axes, and what they do to a vertex shader.
-#include "options/axes.h"
+#include "request_text/axes.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "options/request_options.h"
+#include "request_text/request_options.h"
 
-namespace voxelpipe::cli {
+namespace voxelpipe {
 namespace {
 
 using ::testing::HasSubstr;
@@ -94,7 +94,7 @@ TEST(Axes, OtherVertexShadersAndWrongParametersAreRefusedByName) {
     return std::string(BuildRequest(options).status().message());
   };
   EXPECT_THAT(error("skin:time=0"), HasSubstr("--axes: turns the mesh by the vertex shader transform; 'skin'"));
-  EXPECT_THAT(error("displace_along_normal:distance=1"), HasSubstr("leave --axes out"));
+  EXPECT_THAT(error("displace_along_normal:distance=1"), HasSubstr("leave the axes out"));
   EXPECT_THAT(error("transform:matrix=1/2"), HasSubstr("16 numbers"));
   options.axes = "x,y,z";
   EXPECT_EQ(error("skin:time=0"), "");
@@ -103,4 +103,4 @@ TEST(Axes, OtherVertexShadersAndWrongParametersAreRefusedByName) {
 }
 
 }  // namespace
-}  // namespace voxelpipe::cli
+}  // namespace voxelpipe

@@ -1,4 +1,4 @@
-#include "options/axes.h"
+#include "request_text/axes.h"
 
 #include <string>
 #include <utility>
@@ -7,7 +7,7 @@
 #include "absl/strings/str_cat.h"
 #include "shaders/catalog.h"
 
-namespace voxelpipe::cli {
+namespace voxelpipe {
 namespace {
 
 absl::Status NoAxes(std::string_view text) {
@@ -61,7 +61,7 @@ absl::StatusOr<ShaderCall> WithAxes(const ShaderCall& call, const Mat4d& axes) {
   if (call.name != "identity" && call.name != "transform") {
     return absl::InvalidArgumentError(
         absl::StrCat("turns the mesh by the vertex shader transform; '", call.name,
-                     "' cannot be turned: leave --axes out, or turn the mesh in its file"));
+                     "' cannot be turned: leave the axes out, or turn the mesh in its file"));
   }
   // Wrong parameters are reported as they were given.
   if (const auto bound = BindShader(ShaderStage::kVertex, call); !bound.ok()) return bound.status();
@@ -86,4 +86,4 @@ absl::StatusOr<ShaderCall> WithAxes(const ShaderCall& call, const Mat4d& axes) {
   return turned;
 }
 
-}  // namespace voxelpipe::cli
+}  // namespace voxelpipe

@@ -1,4 +1,4 @@
-// --axes: which axes of the mesh those of the grid are.
+// The option axes: which axes of the mesh those of the grid are.
 #pragma once
 
 #include <string_view>
@@ -7,7 +7,7 @@
 #include "base/vec.h"
 #include "job/request.h"
 
-namespace voxelpipe::cli {
+namespace voxelpipe {
 
 // In: a signed permutation such as "x,z,-y": the grid's x is the mesh's x, its y is the mesh's z, its z is the mesh's
 // -y. Out: its matrix, row major, for column vectors. The determinant is -1 for permutations that mirror, such as
@@ -20,4 +20,4 @@ absl::StatusOr<Mat4d> ParseAxes(std::string_view text);
 // parameters that it does not take.
 absl::StatusOr<ShaderCall> WithAxes(const ShaderCall& call, const Mat4d& axes);
 
-}  // namespace voxelpipe::cli
+}  // namespace voxelpipe

@@ -1,9 +1,9 @@
-#include "options/request_options.h"
+#include "request_text/request_options.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-namespace voxelpipe::cli {
+namespace voxelpipe {
 namespace {
 
 using ::testing::HasSubstr;
@@ -98,4 +98,4 @@ TEST(BuildRequest, NamesTheOptionAtFault) {
 }
 
 }  // namespace
-}  // namespace voxelpipe::cli
+}  // namespace voxelpipe

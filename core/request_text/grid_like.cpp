@@ -1,4 +1,4 @@
-#include "options/grid_like.h"
+#include "request_text/grid_like.h"
 
 #include <cmath>
 #include <filesystem>
@@ -10,7 +10,7 @@
 #include "encode/read/stored_result.h"
 #include "load/local_file.h"
 
-namespace voxelpipe::cli {
+namespace voxelpipe {
 namespace {
 
 using nlohmann::json;
@@ -86,4 +86,4 @@ absl::StatusOr<GridPlace> ReadGridPlace(const std::string& path) {
   return PlaceOfJson(std::string(bytes->begin(), bytes->end()));
 }
 
-}  // namespace voxelpipe::cli
+}  // namespace voxelpipe

@@ -1,5 +1,5 @@
 // The grid of an earlier result, from each file that has it.
-#include "options/grid_like.h"
+#include "request_text/grid_like.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,10 +7,10 @@
 #include <fstream>
 
 #include "encode/encode.h"
-#include "options/request_options.h"
+#include "request_text/request_options.h"
 #include "unit/encode/sample_results.h"
 
-namespace voxelpipe::cli {
+namespace voxelpipe {
 namespace {
 
 using ::testing::HasSubstr;
@@ -117,4 +117,4 @@ TEST_F(GridLike, OtherWaysToAGridAreRefusedBesideIt) {
 }
 
 }  // namespace
-}  // namespace voxelpipe::cli
+}  // namespace voxelpipe

@@ -1,4 +1,4 @@
-// --grid-like: the grid of an earlier result.
+// The option grid_like: the grid of an earlier result.
 #pragma once
 
 #include <array>
@@ -8,7 +8,7 @@
 #include "absl/status/statusor.h"
 #include "base/vec.h"
 
-namespace voxelpipe::cli {
+namespace voxelpipe {
 
 // Where a result lies in the world.
 struct GridPlace {
@@ -22,4 +22,4 @@ struct GridPlace {
 // for values that are none of a grid; NOT_FOUND and the system's with its reason. They do not name the path.
 absl::StatusOr<GridPlace> ReadGridPlace(const std::string& path);
 
-}  // namespace voxelpipe::cli
+}  // namespace voxelpipe
