@@ -17,8 +17,9 @@ import numpy
 
 import voxelpipe
 from voxelpipe._calls.connection import Connection
-from voxelpipe._calls.session import Job, Reporter
-from voxelpipe.request import make_request
+from voxelpipe._calls.progress import Reporter
+from voxelpipe._calls.session import Job
+from voxelpipe.options import make_request
 
 QUADS = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
 CUBE = voxelpipe.load_mesh((numpy.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], float), QUADS))

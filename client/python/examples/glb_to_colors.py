@@ -3,10 +3,12 @@
 
 usage: glb_to_colors.py OUT_FOLDER MESH... [--resolution N]
 
-Out: NAME.npz with `points` float64 (n, 3), centres of the occupied voxels in the mesh's world units, and `colors`
-uint8 (n, 4). Exit status 1 if a mesh failed; the others are written.
+Out: NAME.npz, of further meshes with the same name NAME-2.npz and so on, with `points` float64 (n, 3), centres of the
+occupied voxels in the mesh's world units, and `colors` uint8 (n, 4). Exit status 1 if a mesh failed; the others are
+written.
 """
 import argparse
+import collections
 import pathlib
 import sys
 
@@ -32,9 +34,6 @@ def main() -> int:
     parser.add_argument("meshes", type=pathlib.Path, nargs="+")
     parser.add_argument("--resolution", type=int, default=128)
     arguments = parser.parse_args()
-    stems = [path.stem for path in arguments.meshes]
-    if len({*stems}) < len(stems):
-        parser.error(f"several meshes would write {next(stem for stem in stems if stems.count(stem) > 1)}.npz")
     arguments.out.mkdir(parents=True, exist_ok=True)
     client = voxelpipe.default_client()
     # Sparse: only the occupied voxels travel. The bits of occupancy come along as "mask".
@@ -42,13 +41,16 @@ def main() -> int:
         arguments.meshes, resolution=arguments.resolution, result="sparse", color="base_color:srgb8", errors="return"
     )
     failed = 0
+    times: collections.Counter[str] = collections.Counter()
     for path, result in zip(arguments.meshes, results):
         if isinstance(result, voxelpipe.VoxelpipeError):
             failed += 1
             of_mesh = isinstance(result, (voxelpipe.InvalidMesh, voxelpipe.TooLarge))  # names its file
             print(result if of_mesh else f"{path}: {result}", file=sys.stderr)
             continue
-        count = write_points(result, arguments.out / f"{path.stem}.npz")
+        times[path.stem] += 1
+        name = path.stem if times[path.stem] == 1 else f"{path.stem}-{times[path.stem]}"
+        count = write_points(result, arguments.out / f"{name}.npz")
         print(f"{path}: {count} points of {result.dims} voxels, of {result.voxel_size[0]:.6g}")
     return 1 if failed else 0
 

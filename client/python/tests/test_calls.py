@@ -15,7 +15,7 @@ import pytest
 
 import voxelpipe
 from voxelpipe import Client, LocalServer, Tls
-from voxelpipe._calls.session import Reporter
+from voxelpipe._calls.progress import Reporter
 
 from . import shapes
 

@@ -48,8 +48,11 @@ def write_boxes(folder: pathlib.Path, count: int) -> list[pathlib.Path]:
 def test_colors_of_many_meshes(server: LocalServer, tmp_path: pathlib.Path) -> None:
     paths = write_boxes(tmp_path, 3)
     (tmp_path / "bad.glb").write_bytes(b"nonsense")
-    lines = run("glb_to_colors.py", tmp_path / "out", *paths, tmp_path / "bad.glb", "--resolution", 16, status=1)
-    assert len(lines) == 3
+    (tmp_path / "more").mkdir()
+    again = tmp_path / "more" / "box0.glb"
+    again.write_bytes(paths[0].read_bytes())
+    lines = run("glb_to_colors.py", tmp_path / "out", *paths, tmp_path / "bad.glb", again, "--resolution", 16, status=1)
+    assert len(lines) == 4 and (tmp_path / "out" / "box0-2.npz").exists()
     for i in range(3):
         with numpy.load(tmp_path / "out" / f"box{i}.npz") as arrays:
             points, colors = arrays["points"], arrays["colors"]
@@ -73,22 +76,26 @@ def test_a_rotating_part(server: LocalServer, tmp_path: pathlib.Path) -> None:
 
 def test_a_training_set_goes_on_where_it_ended(server: LocalServer, tmp_path: pathlib.Path) -> None:
     meshes, out = tmp_path / "meshes", tmp_path / "out"
-    meshes.mkdir()
+    (meshes / "below").mkdir(parents=True)
     write_boxes(meshes, 5)
-    (meshes / "box1.glb").write_bytes(b"nonsense")
+    (meshes / "box4.glb").rename(meshes / "below" / "box4.glb")
+    (meshes / "box0.glb").write_bytes(b"nonsense")
     options = (meshes, out, "--resolution", 12, "--shard", 2)
     assert len(run("training_set.py", *options)) == 3
     assert sorted(path.name for path in out.iterdir()) == [
         "failed-00000.json",
         *(f"shard-0000{i}.npz" for i in range(3)),
     ]
-    assert "box1.glb" in json.loads((out / "failed-00000.json").read_text())
+    assert "box0.glb" in json.loads((out / "failed-00000.json").read_text())
     with numpy.load(out / "shard-00001.npz") as shard:
-        assert shard["names"].tolist() == ["box2.glb", "box3.glb"]
+        assert shard["names"].tolist() == ["box1.glb", "box2.glb"]
         cubes = numpy.unpackbits(shard["bits"], axis=1, count=12**3, bitorder="little").reshape(-1, 12, 12, 12)
     assert cubes[0].any(axis=(1, 2)).all() and cubes[0].sum() < 12**3
     (out / "shard-00001.npz").unlink()
     assert [line.endswith("is there") for line in run("training_set.py", *options)] == [True, False, True]
+    with numpy.load(out / "shard-00000.npz") as shard:
+        assert shard["names"].tolist() == ["below/box4.glb"]
+    run("training_set.py", tmp_path / "out", tmp_path / "none", status=2)
 
 
 def test_dask_with_processes(server: LocalServer, tmp_path: pathlib.Path) -> None:

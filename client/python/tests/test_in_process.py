@@ -207,7 +207,7 @@ def test_a_forked_child_waits_for_no_thread_of_its_parent(tmp_path: pathlib.Path
         import os, voxelpipe
         from voxelpipe._calls import in_process
         from voxelpipe._calls.session import Job
-        from voxelpipe.request import make_request
+        from voxelpipe.options import make_request
         from client_tests import shapes
         mesh = voxelpipe.load_mesh(shapes.TETRAHEDRON)
         first = voxelpipe.voxelize(mesh, resolution=12)

@@ -8,7 +8,7 @@ import pytest
 import voxelpipe
 from voxelpipe import GridPlace, InvalidRequest, Shader, Target, UnknownOption
 from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
-from voxelpipe.request import make_request
+from voxelpipe.options import make_request
 
 from . import shapes
 

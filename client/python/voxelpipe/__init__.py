@@ -13,7 +13,7 @@ from ._version import VERSION
 from .aio import AsyncClient
 from .api import default_client, shutdown, voxelize, voxelize_on_device
 from .buckets import Buckets
-from .client import Client, MeshHandle
+from .client import Client
 from .device import DeviceArray, DeviceGrid
 from .errors import (
     DataLoss,
@@ -36,6 +36,7 @@ from ._mesh.forms import MeshFile, load_mesh
 from ._mesh.glb import Mesh
 from .grid import Sparse, VoxelGrid
 from .local_server import LocalServer, local_server
+from .mesh_handle import MeshHandle
 from .place import GridPlace
 from .report import Estimate, MeshReport, MeshWarning, ServerInfo, ShaderInfo, StoredMesh, Summary
 from .targets import Shader, Target

@@ -4,12 +4,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-from typing import Any, AsyncIterable, AsyncIterator, Awaitable, Callable, Iterable, Iterator, Sequence, TypeVar
+from typing import Any, AsyncIterable, AsyncIterator, Awaitable, Callable, Iterable, Iterator, TypeVar
 
-from . import names
 from ._calls.address import ServerLike, address_of
 from ._calls.grpc_module import grpc
 from ._calls.many import unreadable
+from ._calls.progress import Progress, Reporter
 from ._calls.reader import ResultReader
 from ._calls.retry import Deadline, Retries, ServerState
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
@@ -17,25 +17,22 @@ from ._calls.session import (
     SERVICE,
     Job,
     Options,
-    Progress,
-    Reporter,
     Tls,
     estimate_request,
     naming,
     new_request_id,
-    positions_file,
     upload_messages,
     uploaded,
 )
 from ._calls.status import of_call, of_cancelled
 from ._calls.wire import parsed
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
-from .client import MeshHandle
 from .errors import MeshNotFound, ServerFailed, VoxelpipeError
 from .grid import VoxelGrid
-from .place import GridPlace
+from .mesh_handle import MeshHandle, job_of
+from .options import client_method, make_request
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
-from .request import ShaderLike, TargetLike, checked_timeout, make_request
+from .request import Call, checked_timeout
 
 _QUICK_S = 10.0
 _Result = TypeVar("_Result")
@@ -97,68 +94,12 @@ class AsyncClient:
     def __repr__(self) -> str:
         return f"<voxelpipe.AsyncClient of {self.server}>"
 
-    async def voxelize(
-        self,
-        mesh: MeshLike | MeshHandle,
-        *,
-        resolution: int | None = None,
-        voxel_size: names.PerAxis | None = None,
-        dims: Sequence[int] | None = None,
-        origin: Sequence[float] | None = None,
-        like: VoxelGrid | GridPlace | None = None,
-        fit: names.Fit = "tight",
-        padding: int = 0,
-        coverage: names.Coverage = "conservative",
-        fill: names.Fill = "none",
-        targets: Sequence[TargetLike] | TargetLike | None = None,
-        shader: ShaderLike | None = None,
-        vertex_shader: ShaderLike | None = None,
-        result: names.ResultKind = "dense",
-        layout: names.Layout = "interleaved",
-        backend: names.Backend = "auto",
-        priority: names.Priority = "normal",
-        compression: names.Compression = "none",
-        packed_bits: bool = False,
-        content_hash: bool = False,
-        strict: bool = False,
-        new_positions: Any = None,
-        timeout: float | None = None,
-        progress: Progress = None,
-        **named: TargetLike,
-    ) -> VoxelGrid:
+    @client_method
+    async def voxelize(self, mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
         """Voxelizes one mesh on this server: see voxelpipe.voxelize() and Client.voxelize()."""
-        request = make_request(
-            resolution=resolution,
-            voxel_size=voxel_size,
-            dims=dims,
-            origin=origin,
-            like=like,
-            fit=fit,
-            padding=padding,
-            coverage=coverage,
-            fill=fill,
-            targets=targets,
-            shader=shader,
-            vertex_shader=vertex_shader,
-            result=result,
-            layout=layout,
-            backend=backend,
-            priority=priority,
-            compression=compression,
-            packed_bits=packed_bits,
-            content_hash=content_hash,
-            strict=strict,
-            **named,
-        )
-        if isinstance(mesh, MeshHandle):
-            positions = None if new_positions is None else positions_file(new_positions)
-            job, kept = Job(request, positions, mesh.mesh_id), mesh.file
-        else:
-            if new_positions is not None:
-                raise TypeError("new_positions needs a mesh from upload()")
-            job, kept = Job(request, await asyncio.to_thread(load_mesh, mesh)), None
-        reporter = Reporter(progress)
-        deadline = self._deadline(timeout)
+        job, kept = await asyncio.to_thread(job_of, mesh, call)
+        reporter = Reporter(call.progress)
+        deadline = self._deadline(call.timeout)
         with contextlib.closing(reporter), naming(kept or job.file):
             try:
                 return await self._again(deadline, lambda left: self._voxelize(job, left, reporter))

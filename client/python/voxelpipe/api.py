@@ -3,19 +3,20 @@ from __future__ import annotations
 
 import os
 import threading
-from typing import Any, Sequence
+from typing import Any
 
-from . import names
 from ._calls import core_module, in_process
 from ._calls.address import ServerLike, address_of
-from ._calls.session import Job, Progress
+from ._calls.progress import Progress
+from ._calls.session import Job
 from ._mesh.forms import MeshLike, load_mesh
-from .client import Client, MeshHandle
+from .client import Client
 from .device import DeviceGrid
 from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
-from .place import GridPlace
-from .request import ShaderLike, TargetLike, checked_timeout, make_request
+from .mesh_handle import MeshHandle, job_of
+from .options import make_request, with_options
+from .request import Call, checked_timeout
 
 _lock = threading.Lock()
 _clients: dict[str, Client] = {}
@@ -47,34 +48,8 @@ def default_client(server: ServerLike = "") -> Client:
         return _clients[address]
 
 
-def voxelize(
-    mesh: MeshLike | MeshHandle,
-    *,
-    resolution: int | None = None,
-    voxel_size: names.PerAxis | None = None,
-    dims: Sequence[int] | None = None,
-    origin: Sequence[float] | None = None,
-    like: VoxelGrid | GridPlace | None = None,
-    fit: names.Fit = "tight",
-    padding: int = 0,
-    coverage: names.Coverage = "conservative",
-    fill: names.Fill = "none",
-    targets: Sequence[TargetLike] | TargetLike | None = None,
-    shader: ShaderLike | None = None,
-    vertex_shader: ShaderLike | None = None,
-    result: names.ResultKind = "dense",
-    layout: names.Layout = "interleaved",
-    backend: names.Backend = "auto",
-    priority: names.Priority = "normal",
-    compression: names.Compression = "none",
-    packed_bits: bool = False,
-    content_hash: bool = False,
-    strict: bool = False,
-    server: ServerLike | None = None,
-    timeout: float | None = None,
-    progress: Progress = None,
-    **named: TargetLike,
-) -> VoxelGrid:
+@with_options
+def voxelize(mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
     """Voxelizes one mesh.
 
         r = voxelpipe.voxelize("car.glb", resolution=256, color="base_color:srgb8", normal="normal:f32")
@@ -114,35 +89,12 @@ def voxelize(
     TooLarge, Overloaded, Unavailable, DeadlineExceeded and the others of voxelpipe.errors; OSError for files. Ctrl-C
     cancels the call.
     """
-    request = make_request(
-        resolution=resolution,
-        voxel_size=voxel_size,
-        dims=dims,
-        origin=origin,
-        like=like,
-        fit=fit,
-        padding=padding,
-        coverage=coverage,
-        fill=fill,
-        targets=targets,
-        shader=shader,
-        vertex_shader=vertex_shader,
-        result=result,
-        layout=layout,
-        backend=backend,
-        priority=priority,
-        compression=compression,
-        packed_bits=packed_bits,
-        content_hash=content_hash,
-        strict=strict,
-        **named,
-    )
-    timeout = checked_timeout(timeout)
-    inside = server is None and not os.environ.get("VOXELPIPE_SERVER") and not isinstance(mesh, MeshHandle)
+    inside = call.server is None and not os.environ.get("VOXELPIPE_SERVER") and not isinstance(mesh, MeshHandle)
+    job, file = job_of(mesh, call)
     if inside and core_module.available():
-        return in_process.run(Job(request, load_mesh(mesh)), timeout, progress)
-    client = server if isinstance(server, Client) else default_client(server or "")
-    return client.voxelize_request(mesh, request, timeout=timeout, progress=progress)
+        return in_process.run(job, call.timeout, call.progress)
+    client = call.server if isinstance(call.server, Client) else default_client(call.server or "")
+    return client.run(job, file, timeout=call.timeout, progress=call.progress)
 
 
 def voxelize_on_device(

@@ -5,26 +5,23 @@ import contextlib
 import dataclasses
 import os
 import time
-from typing import Any, Callable, Iterable, Iterator, Sequence, TypeVar
+from typing import Any, Callable, Iterable, Iterator, TypeVar
 
-from . import names
 from ._calls.address import ServerLike, address_of
 from ._calls.ahead import received_ahead
 from ._calls.connection import Connection
 from ._calls.grpc_module import grpc
 from ._calls.many import Many
+from ._calls.progress import Progress, Reporter
 from ._calls.reader import ResultReader
 from ._calls.retry import Deadline, Retries, ServerState
 from ._calls.session import (
     SMALL_BYTES,
     Job,
     Options,
-    Progress,
-    Reporter,
     Tls,
     estimate_request,
     naming,
-    positions_file,
     upload_messages,
     uploaded,
 )
@@ -33,38 +30,15 @@ from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .errors import DataLoss, MeshNotFound, VoxelpipeError
 from .grid import VoxelGrid
-from .place import GridPlace
+from .mesh_handle import MeshHandle, job_of
+from .options import client_method, make_request
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
-from .request import Request, ShaderLike, TargetLike, checked_timeout, make_request
+from .request import Call, Request, checked_timeout
 
 _QUICK_S = 10.0
 _MOST_MESSAGE_BYTES = 1 << 30  # protobuf takes less than 2 GiB
 _SMALL_RESULT_BYTES = 4 * SMALL_BYTES  # of all messages of a result that fits into one, with those of progress
 _Result = TypeVar("_Result")
-
-
-@dataclasses.dataclass(frozen=True)
-class MeshHandle:
-    """A mesh that a server keeps; give it in place of the mesh. Made by Client.upload().
-
-    mesh_id: the SHA-256 of the file, 64 hexadecimal digits. stored: the server's description. file: sent again if the
-    server, or another replica of it, does not have the mesh (any more); None: MeshNotFound is raised then.
-    """
-
-    mesh_id: str
-    stored: StoredMesh
-    already_stored: bool
-    file: MeshFile | None = dataclasses.field(repr=False)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        file = None if self.file is None else (bytes(self.file.data), self.file.format, self.file.name, self.file.unit)
-        return _restored_handle, (self.mesh_id, self.stored, self.already_stored, file)
-
-
-def _restored_handle(
-    mesh_id: str, stored: StoredMesh, already: bool, file: tuple[bytes, int, str, str] | None
-) -> MeshHandle:
-    return MeshHandle(mesh_id, stored, already, file and MeshFile(memoryview(file[0]), *file[1:]))
 
 
 class Client:
@@ -139,81 +113,15 @@ class Client:
 
     # ---- voxelize ----
 
-    def voxelize(
-        self,
-        mesh: MeshLike | MeshHandle,
-        *,
-        resolution: int | None = None,
-        voxel_size: names.PerAxis | None = None,
-        dims: Sequence[int] | None = None,
-        origin: Sequence[float] | None = None,
-        like: VoxelGrid | GridPlace | None = None,
-        fit: names.Fit = "tight",
-        padding: int = 0,
-        coverage: names.Coverage = "conservative",
-        fill: names.Fill = "none",
-        targets: Sequence[TargetLike] | TargetLike | None = None,
-        shader: ShaderLike | None = None,
-        vertex_shader: ShaderLike | None = None,
-        result: names.ResultKind = "dense",
-        layout: names.Layout = "interleaved",
-        backend: names.Backend = "auto",
-        priority: names.Priority = "normal",
-        compression: names.Compression = "none",
-        packed_bits: bool = False,
-        content_hash: bool = False,
-        strict: bool = False,
-        new_positions: Any = None,
-        timeout: float | None = None,
-        progress: Progress = None,
-        **named: TargetLike,
-    ) -> VoxelGrid:
+    @client_method
+    def voxelize(self, mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
         """Voxelizes one mesh on this server: see voxelpipe.voxelize() for the options.
 
         mesh: also a handle from upload(); then new_positions, (n, 3) in world units for the n vertices of the flattened
         mesh (handle.stored.mesh.vertices), replace its own. timeout: seconds; None: the client's.
         """
-        request = make_request(
-            resolution=resolution,
-            voxel_size=voxel_size,
-            dims=dims,
-            origin=origin,
-            like=like,
-            fit=fit,
-            padding=padding,
-            coverage=coverage,
-            fill=fill,
-            targets=targets,
-            shader=shader,
-            vertex_shader=vertex_shader,
-            result=result,
-            layout=layout,
-            backend=backend,
-            priority=priority,
-            compression=compression,
-            packed_bits=packed_bits,
-            content_hash=content_hash,
-            strict=strict,
-            **named,
-        )
-        return self.voxelize_request(mesh, request, new_positions=new_positions, timeout=timeout, progress=progress)
-
-    def voxelize_request(
-        self,
-        mesh: MeshLike | MeshHandle,
-        request: Request,
-        *,
-        new_positions: Any = None,
-        timeout: float | None = None,
-        progress: Progress = None,
-    ) -> VoxelGrid:
-        """voxelize() with a request that make_request() made."""
-        if not isinstance(mesh, MeshHandle):
-            if new_positions is not None:
-                raise TypeError("new_positions needs a mesh from upload()")
-            return self.run(Job(request, load_mesh(mesh)), timeout=timeout, progress=progress)
-        positions = None if new_positions is None else positions_file(new_positions)
-        return self.run(Job(request, positions, mesh.mesh_id), mesh.file, timeout=timeout, progress=progress)
+        job, file = job_of(mesh, call)
+        return self.run(job, file, timeout=call.timeout, progress=call.progress)
 
     def run(
         self, job: Job, file: MeshFile | None = None, *, timeout: float | None = None, progress: Progress = None

@@ -7,6 +7,8 @@ import math
 from typing import TYPE_CHECKING, Any, Mapping, Sequence, Union, get_args
 
 from . import names
+from ._calls.address import ServerLike
+from ._calls.progress import Progress
 from ._proto.voxelpipe.v1 import types_pb2 as types
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .errors import InvalidRequest, UnknownOption
@@ -26,7 +28,7 @@ _MAX_TARGETS = 8
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """All of a request but the mesh. Make it by make_request()."""
+    """All of a request but the mesh. Made by make_request() (options.py)."""
 
     config: service.VoxelizeConfig
     targets: tuple[Target, ...]
@@ -207,7 +209,18 @@ def _targets(
     return tuple(numbered)
 
 
-def make_request(
+@dataclasses.dataclass(frozen=True)
+class Call:
+    """What the options of a call ask for: a request, and how it is made."""
+
+    request: Request
+    new_positions: Any
+    server: ServerLike | None
+    timeout: float | None
+    progress: Progress
+
+
+def call_options(
     *,
     resolution: int | None = None,
     voxel_size: names.PerAxis | None = None,
@@ -229,14 +242,19 @@ def make_request(
     packed_bits: bool = False,
     content_hash: bool = False,
     strict: bool = False,
+    new_positions: Any = None,
+    server: ServerLike | None = None,
+    timeout: float | None = None,
+    progress: Progress = None,
     **named: TargetLike,
-) -> Request:
-    """The request that these options describe (see voxelize()).
+) -> Call:
+    """The one list of the options of voxelize(), of every client (see voxelize()): the decorators of options.py give
+    their signatures these.
 
     Errors: InvalidRequest naming the option; UnknownOption, a TypeError too, for a keyword that is none.
     """
     if named:
-        check_target_names(named, make_request.__kwdefaults__)
+        check_target_names(named, call_options.__kwdefaults__)
     for name, target in named.items():
         if not isinstance(target, (str, Target)):
             raise UnknownOption(f"{name}: is no option; as the name of a target it takes a Target or a text", name)
@@ -258,4 +276,5 @@ def make_request(
     vertex = _shader(vertex_shader, "vertex_shader")
     if vertex is not None:
         config.vertex_shader.CopyFrom(vertex.to_message())
-    return Request(config, listed, packed_bits, content_hash)
+    request = Request(config, listed, packed_bits, content_hash)
+    return Call(request, new_positions, server, checked_timeout(timeout), progress)

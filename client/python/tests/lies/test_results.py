@@ -8,7 +8,7 @@ import numpy
 import pytest
 
 import voxelpipe
-from voxelpipe._calls.session import Reporter
+from voxelpipe._calls.progress import Reporter
 from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
 from voxelpipe._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 

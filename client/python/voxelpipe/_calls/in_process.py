@@ -6,8 +6,9 @@ from typing import Any
 from ..device import DeviceGrid
 from ..grid import VoxelGrid
 from . import core_module
+from .progress import Progress, Reporter
 from .reader import ResultReader
-from .session import Job, Progress, Reporter, named
+from .session import Job, named
 
 _DEFAULT_TIMEOUT_S = 600.0
 

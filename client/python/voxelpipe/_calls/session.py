@@ -4,9 +4,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
-import threading
 import uuid
-from typing import Any, Callable, Iterator, Union
+from typing import Any, Iterator
 
 import numpy
 
@@ -19,10 +18,7 @@ from ..request import Request
 from . import wire as _wire
 from .address import check_address
 from .crc32c import crc32c
-from .printable import printable
-
-# callable(stage, fraction of the stage, bytes of the result so far); True: a bar of tqdm, if it is installed.
-Progress = Union[Callable[[str, float, int], None], bool, None]
+from .progress import Reporter
 
 SERVICE = "/voxelpipe.v1.VoxelizationService/"
 SMALL_BYTES = 1 << 20  # meshes and results up to this size take one message each
@@ -190,14 +186,14 @@ class Job:
         """True if the result surely fits into one message."""
         return self.request.small_result(SMALL_BYTES)
 
-    def mesh_request(self, report: "Reporter") -> bytes:
+    def mesh_request(self, report: Reporter) -> bytes:
         """The VoxelizeMeshRequest."""
         report("upload", 0.0, 0)
         data = self.data
         message = service.VoxelizeMeshRequest(config=self.config(), mesh=bytes(data), crc32c=crc32c(data))
         return bytes(message.SerializeToString())
 
-    def messages(self, report: "Reporter") -> Iterator[bytes]:
+    def messages(self, report: Reporter) -> Iterator[bytes]:
         """The VoxelizeRequests of a stream."""
         yield service.VoxelizeRequest(config=self.config()).SerializeToString()
         field = service.VoxelizeRequest
@@ -208,7 +204,7 @@ class Job:
             yield _wire.write_piece(piece, field.MESH_PIECE_FIELD_NUMBER, field.CRC32C_FIELD_NUMBER)
 
 
-def upload_messages(file: MeshFile, mesh_id: str, report: "Reporter") -> Iterator[bytes]:
+def upload_messages(file: MeshFile, mesh_id: str, report: Reporter) -> Iterator[bytes]:
     """The UploadMeshRequests of a mesh."""
     upload = service.MeshUpload(
         mesh_format=file.format, mesh_id=mesh_id, mesh_unit=file.unit_code  # type: ignore[arg-type]
@@ -240,48 +236,3 @@ def estimate_request(request: Request, file: MeshFile | None, mesh_id: str) -> b
         message.config.mesh_unit = file.unit_code  # type: ignore[assignment]
         message.mesh_bytes = bytes(file.data)
     return bytes(message.SerializeToString())
-
-
-class Reporter:
-    """Tells the caller's progress, from one thread at a time, at most some twenty times a stage."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._call: Callable[[str, float, int], None] | None = None
-        self._bar: Any = None
-        if progress is True:
-            self._bar, self._call = _bar()
-        elif callable(progress):
-            self._call = progress
-        self._lock = threading.Lock()
-        self._stage = ""
-        self._fraction = 0.0
-
-    def __call__(self, stage: str, fraction: float, size: int) -> None:
-        if self._call is None:
-            return
-        with self._lock:
-            if stage == self._stage and fraction < 1 and fraction < self._fraction + 0.05:
-                return
-            self._stage, self._fraction = stage, fraction
-            self._call(stage, min(max(fraction, 0.0), 1.0), size)
-
-    def close(self) -> None:
-        """Ends the bar."""
-        if self._bar is not None:
-            self._bar.close()
-
-
-def _bar() -> tuple[Any, Callable[[str, float, int], None] | None]:
-    try:
-        from tqdm.auto import tqdm
-    except ImportError:
-        return None, None
-    bar = tqdm(total=100, bar_format="{desc:<16}{percentage:3.0f}%|{bar}| {elapsed}")
-
-    def show(stage: str, fraction: float, size: int) -> None:
-        shown = printable(stage)  # a server's text
-        bar.set_description_str(f"{shown} {size >> 20} MiB" if size >> 20 else shown, refresh=False)
-        bar.n = round(100 * fraction)
-        bar.refresh()
-
-    return bar, show
