@@ -104,8 +104,11 @@ absl::Status CallStatus(const grpc::Status& status, const JobContext& job, const
   if (absl::IsCancelled(ours) || absl::IsDeadlineExceeded(ours)) {
     if (absl::Status ended = job.Check(); !ended.ok()) return ended;
   }
-  if (absl::IsCancelled(ours)) {  // gRPC's servers end calls in this way that arrive as they shut down
-    return absl::UnavailableError(absl::StrCat(target, ": the server has cancelled the call"));
+  if (absl::IsCancelled(ours)) {  // a gRPC server that shuts down ends new calls so
+    const std::string text(ours.message());
+    const bool silent = text.empty() || text == "CANCELLED";
+    return absl::UnavailableError(
+        absl::StrCat(target, ": the server has cancelled the call", silent ? "" : ": ", silent ? "" : text));
   }
   if (absl::IsUnavailable(ours)) {
     absl::Status named = absl::UnavailableError(absl::StrCat(target, ": ", std::string(ours.message())));

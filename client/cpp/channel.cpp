@@ -42,7 +42,7 @@ grpc::ChannelArguments MakeArguments(const std::string& target) {
                    1);  // clients of one process share no connection and no back-off
   // Within its back-off a channel fails calls without an attempt to connect: CallWithRetries waits between attempts.
   arguments.SetInt(GRPC_ARG_INITIAL_RECONNECT_BACKOFF_MS, 100);
-  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 1000);
+  arguments.SetInt(GRPC_ARG_MAX_RECONNECT_BACKOFF_MS, 250);
   // Keepalive: if the server's machine is gone, calls end after 25 s. Servers accept pings at this interval.
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIME_MS, 10000);
   arguments.SetInt(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, 15000);

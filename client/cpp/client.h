@@ -38,7 +38,8 @@ struct ConnectOptions {
   uint64_t max_result_bytes = 64ull << 30;  // larger announced results are refused
   // How often Voxelize..., UploadMesh and Estimate... are repeated if the server refused them for a while (after the
   // time that it returned), became unavailable or lost the connection. Never beyond the job's deadline or after
-  // Cancel(). Attempts to connect again to a server that restarts are not counted if the job has a deadline; 0: none.
+  // Cancel(). Attempts to connect again to a server that restarts are not counted if the job has a deadline. With
+  // retries = 0 there are no further attempts.
   int retries = 2;
   CallSettings settings;  // for the results of all calls
 };

@@ -19,7 +19,7 @@ std::optional<std::chrono::milliseconds> DelayBeforeRetry(const absl::Status& er
 absl::Status WaitUnlessEnded(std::chrono::milliseconds delay, const JobContext& job);
 
 // True if an attempt that failed with `error` counts. A client has been connected once: if it cannot connect, its
-// server restarts, and a job with a deadline waits for it until then.
+// server restarts, and a job with a deadline waits for it until its deadline.
 bool CountsAsAttempt(const absl::Status& error, const JobContext& job);
 
 // Calls attempt(), which returns a StatusOr, until it succeeds, at most 1 + `retries` times that count and only while

@@ -91,8 +91,9 @@ absl::Status NotReadable(std::span<const uint8_t> bytes) {
     return absl::InvalidArgumentError(
         absl::StrCat("the mesh is ", std::string(other.name), ", which is not read; ", std::string(kRead)));
   }
-  return absl::InvalidArgumentError(absl::StrCat("the mesh is of no known format; ", std::string(kRead),
-                                                 "; if the content does not show its format, name it"));
+  return absl::InvalidArgumentError(
+      absl::StrCat("the mesh is of no known format; ", std::string(kRead),
+                   "; if the content does not show its format, give it (--input-format, mesh_format)"));
 }
 
 }  // namespace

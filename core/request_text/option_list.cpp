@@ -22,7 +22,8 @@ std::span<const RequestOption> ListRequestOptions() {
        "The grid covers this box in place of the mesh's, by --resolution along its longest edge or by --voxel-size; "
        "what lies outside is cut off"},
       {"fit", &O::fit, kGrid, "tight|cube",
-       "tight (default): as many voxels an axis as the mesh needs; cube: N x N x N, shorter axes centred"},
+       "With --resolution: tight (default): as many voxels an axis as the mesh needs; cube: N x N x N, shorter axes "
+       "centred"},
       {"padding", &O::padding, kGrid, "P", "Empty voxels on every side (default 0)"},
       {"coverage", &O::coverage, kValues, "conservative|thin|center|none",
        "Which voxels a triangle covers (default conservative: all it touches; none: with --fill parity or nonzero, "
@@ -30,15 +31,16 @@ std::span<const RequestOption> ListRequestOptions() {
       {"fill", &O::fill, kValues, "none|parity|nonzero|flood",
        "How the inside is filled (default none): parity by crossings along x, nonzero by their signs, so that parts "
        "may overlap, flood by what a flood from outside does not reach"},
-      {"shader", &O::shader, kValues, "NAME[:k=v,...]",
+      {"shader", &O::shader, kValues, "NAME[(TEXT)][:k=v,...]",
        "The fragment shader of every target without one. A vector's numbers are separated by '/', as in "
-       "constant:value=0.5/0.2/1. 'voxelpipe shaders' lists them"},
+       "constant:value=0.5/0.2/1; attribute(_HEAT) is attribute:name=_HEAT. 'voxelpipe shaders' lists them"},
       {"vertex_shader", &O::vertex_shader, kValues, "NAME[:k=v,...]", "The vertex shader (default identity)"},
       {"target", &O::targets, kValues, "[SHADER][:FORMAT[xC]][:BLEND][:k=v,...]",
        "A render target, such as normal:f32 or base_color:srgb8; may be given several times. SHADER: default that of "
        "--shader. FORMAT: bit, u8, u16, u32, f16, f32 or srgb8 (u8 in sRGB; default bit for occupancy, else f32), C = "
        "1 to 4 components, by default those of the shader (1 for bit and count). BLEND: or, and, replace, first, count "
-       "for bit (default or); also min, max, add, average for integers; all but or, and for floats (default replace). "
+       "for bit (default or); also min, max, add, average for integers; for floats all but 'or' and 'and' (default "
+       "replace). "
        "k is clear, fill (V or one a component, A/B/C; default: the shader's value without a triangle, else clear), "
        "scale (integers), quantum (add and average of floats), encoding (linear; srgb for colours in u8; snorm for "
        "normals and tangents in u8 and u16), shader, or a parameter of the shader. Default: occupancy:bit:or; with "

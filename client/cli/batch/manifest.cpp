@@ -8,7 +8,9 @@
 #include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <span>
+#include <string_view>
 #include <type_traits>
 #include <unordered_map>
 #include <variant>
@@ -71,8 +73,10 @@ struct ItemNames {
   std::optional<std::string> id{}, input{}, output{}, format{}, preview{}, view{}, unit{}, input_format{};
 };
 
-// Sets one option of the request; false if there is none of this name. A list also has its plural as a key.
-absl::StatusOr<bool> SetOption(const std::string& key, const json& value, RequestOptions& options) {
+// Sets one option of the request, which must not be one of those that are set `already`; false if there is none of this
+// name. A list also has its plural as a key.
+absl::StatusOr<bool> SetOption(const std::string& key, const json& value, RequestOptions& options,
+                               std::set<std::string_view>& already) {
   const std::span<const RequestOption> list = ListRequestOptions();
   const auto has_key = [&](const RequestOption& option) {
     return key == option.name || (std::holds_alternative<std::vector<std::string> RequestOptions::*>(option.value) &&
@@ -80,6 +84,7 @@ absl::StatusOr<bool> SetOption(const std::string& key, const json& value, Reques
   };
   const auto found = std::find_if(list.begin(), list.end(), has_key);
   if (found == list.end()) return false;
+  if (!already.insert(found->name).second) return Wrong("'", std::string(found->name), "' is given twice");
   const auto set = [&](auto field) -> absl::Status {
     auto& out = options.*field;
     const auto take = [&out](auto read) {
@@ -227,10 +232,11 @@ class Reader {
     ItemNames names;
     RequestOptions options = defaults_.request;
     DropOtherGrids(object, options);
+    std::set<std::string_view> set;
     for (const auto& [typed, value] : object.items()) {
       std::string key = typed;
       std::replace(key.begin(), key.end(), '-', '_');
-      const absl::StatusOr<bool> is_option = SetOption(key, value, options);
+      const absl::StatusOr<bool> is_option = SetOption(key, value, options, set);
       if (!is_option.ok()) return is_option.status();
       if (*is_option) continue;
       if (absl::Status s = SetName(key, value, names); !s.ok()) return s;

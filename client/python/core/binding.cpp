@@ -10,20 +10,22 @@
 
 #include <algorithm>
 #include <chrono>
+#include <deque>
+#include <functional>
 #include <memory>
 #include <new>
 #include <optional>
 #include <span>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "call.h"
 #include "files.h"
-#include "load/load_mesh.h"
-#include "mesh/report.h"
-#include "pipeline/voxelize.h"
+#include "mesh_source.h"
+#include "runs.h"
 #include "shaders/catalog.h"
 #include "wire/request.h"
 #include "wire/response.h"
@@ -35,48 +37,6 @@ namespace voxelpipe {
 namespace {
 
 constexpr char kUnused[] = "dltensor";  // DLPack's name of a capsule that no consumer has taken yet
-
-struct Outcome {
-  VoxelizeResult result;
-  MeshReport report;
-  bool examined = false;  // degenerate triangles and open edges were counted
-  std::vector<std::pair<std::string, double>> mesh_stages;
-  uint64_t peak_bytes = 0;
-};
-
-absl::StatusOr<Outcome> Voxelize(const ParsedConfig& config, std::span<const uint8_t> file, const JobContext& job,
-                                 bool on_device) {
-  try {
-    const VoxelizeRequest& request = config.request;
-    if (on_device && request.result != ResultKind::kDense) {
-      return absl::FailedPreconditionError(
-          absl::StrCat("on the device: only dense results stay on a GPU, not ", std::string(Name(request.result))));
-    }
-    absl::StatusOr<LoadedMesh> loaded = LoadMeshFor(job, file, {config.mesh_type, TexturesRead(request), {}});
-    if (!loaded.ok()) return OfMesh(loaded.status());
-    Outcome outcome;
-    outcome.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
-    outcome.peak_bytes = loaded->peak_bytes;
-    outcome.examined = request.fill != Fill::kNone;
-    const absl::StatusOr<MeshReport> report =
-        outcome.examined ? ReportMesh(job, loaded->mesh) : BoxReport(job, loaded->mesh);
-    if (!report.ok()) return report.status();
-    outcome.report = *report;
-    const PlanLimits limits = LimitsInProcess(job);
-    absl::StatusOr<VoxelizeResult> result =
-        voxelpipe::Voxelize(loaded->mesh, request, {.job = job, .limits = limits, .on_device = on_device});
-    if (!result.ok()) return result.status();
-    if (on_device && result->device_targets.empty()) {
-      return absl::FailedPreconditionError(absl::StrCat(
-          "on the device: the grid ", result->grid.dims[0], "x", result->grid.dims[1], "x", result->grid.dims[2],
-          " was made in several slabs, so that the result is in this machine's memory"));
-    }
-    outcome.result = *std::move(result);
-    return outcome;
-  } catch (const std::bad_alloc&) {
-    return absl::ResourceExhaustedError("out of memory");
-  }
-}
 
 // A flat array of bytes that owns the buffer: no copy.
 py::array_t<uint8_t> Owned(HostBuffer buffer) {
@@ -136,45 +96,159 @@ py::tuple Answer(Outcome outcome) {
   return py::make_tuple(py::bytes(header.SerializeAsString()), arrays, py::bytes(summary.SerializeAsString()));
 }
 
-// Runs one request. In: a VoxelizeConfig as bytes; the bytes of a mesh file without references to others; seconds until
-// the deadline, or None; callable(stage, fraction) or None, called from another thread. Out: a ResultHeader as bytes,
-// the arrays in stream order as flat bytes that own their memory, a Summary as bytes. Raises Failed; whatever the
-// callable or a signal handler raises, after the job has ended. The GIL is released meanwhile. `on_device`: the arrays
-// are DeviceBuffer objects; FAILED_PRECONDITION if the result cannot stay on a GPU.
-py::tuple Run(const std::string& config_bytes, const py::buffer& mesh, std::optional<double> timeout,
-              const py::object& progress, bool on_device) {
+// The config in a request's bytes.
+ParsedConfig Parsed(const std::string& bytes) {
   v1::VoxelizeConfig message;
-  if (!message.ParseFromString(config_bytes)) Throw(absl::InvalidArgumentError("config: is no VoxelizeConfig"));
-  const absl::StatusOr<ParsedConfig> config = ParseConfig(message);
+  if (!message.ParseFromString(bytes)) Throw(absl::InvalidArgumentError("config: is no VoxelizeConfig"));
+  absl::StatusOr<ParsedConfig> config = ParseConfig(message);
   if (!config.ok()) Throw(config.status());
-  const py::buffer_info info = mesh.request();
-  const std::span<const uint8_t> file(static_cast<const uint8_t*>(info.ptr), size_t(info.size * info.itemsize));
+  return *std::move(config);
+}
 
-  std::optional<py::error_already_set> raised;  // by the callable; guarded by the GIL
-  JobContext* running = nullptr;
-  JobContext job([&](std::string_view stage, double fraction) {
-    if (progress.is_none()) return;
-    const py::gil_scoped_acquire gil;
-    if (raised) return;
-    try {
-      progress(py::str(stage.data(), stage.size()), fraction);
-    } catch (py::error_already_set& error) {
-      raised.emplace(std::move(error));
-      running->Cancel();
+// In: a MeshFormat and a LengthUnit.
+MeshFileType TypeOf(int format, int unit) {
+  const absl::StatusOr<MeshFileType> type = ParseMeshType(v1::MeshFormat(format), v1::LengthUnit(unit));
+  if (!type.ok()) Throw(type.status());
+  return *type;
+}
+
+// A contiguous buffer, held while it is read.
+struct Buffer {
+  explicit Buffer(const py::handle& object) : info(py::cast<py::buffer>(object).request()) {}
+  std::span<const uint8_t> bytes() const {
+    return {static_cast<const uint8_t*>(info.ptr), size_t(info.size * info.itemsize)};
+  }
+  py::buffer_info info;
+};
+
+// The sources of a call's meshes and the buffers that they refer to.
+class Sources {
+ public:
+  // In: a HeldMesh, or a buffer with the bytes of a mesh file of this type; new positions, or None.
+  void Add(const py::handle& mesh, MeshFileType type, const py::object& positions) {
+    MeshSource& source = sources_.emplace_back();
+    source.type = type;
+    if (py::isinstance<HeldMesh>(mesh)) {
+      source.held = py::cast<std::shared_ptr<HeldMesh>>(mesh);
+    } else {
+      source.file = buffers_.emplace_back(mesh).bytes();
     }
-  });
-  running = &job;
-  if (timeout) {
-    const double seconds = std::clamp(*timeout, 0.0, 1e9);
-    job.set_deadline(JobContext::Clock::now() +
-                     std::chrono::duration_cast<JobContext::Clock::duration>(std::chrono::duration<double>(seconds)));
+    if (!positions.is_none()) source.positions = buffers_.emplace_back(positions).bytes();
+  }
+  const std::vector<MeshSource>& list() const { return sources_; }
+
+ private:
+  std::vector<MeshSource> sources_;
+  std::deque<Buffer> buffers_;  // which stay where they are
+};
+
+void SetTimeout(JobContext& job, std::optional<double> timeout) {
+  if (!timeout) return;
+  const double seconds = std::clamp(*timeout, 0.0, 1e9);
+  job.set_deadline(JobContext::Clock::now() +
+                   std::chrono::duration_cast<JobContext::Clock::duration>(std::chrono::duration<double>(seconds)));
+}
+
+// One job of Python: its deadline, and its progress, a callable(stage, fraction) or None. What the callable raises ends
+// the job and is raised at the end.
+class PythonJob {
+ public:
+  PythonJob(std::optional<double> timeout, py::object progress)
+      : progress_(std::move(progress)),
+        job_([this](std::string_view stage, double fraction) { Tell(stage, fraction); }) {
+    SetTimeout(job_, timeout);
+  }
+  JobContext& job() { return job_; }
+  void Run(const std::function<void()>& work) {
+    RunInterruptible([this] { job_.Cancel(); }, work);
+    if (raised_) throw std::move(*raised_);
   }
 
+ private:
+  void Tell(std::string_view stage, double fraction) {
+    if (progress_.is_none()) return;
+    const py::gil_scoped_acquire gil;
+    if (raised_) return;
+    try {
+      progress_(py::str(stage.data(), stage.size()), fraction);
+    } catch (py::error_already_set& error) {
+      raised_.emplace(std::move(error));
+      job_.Cancel();
+    }
+  }
+
+  const py::object progress_;
+  std::optional<py::error_already_set> raised_;  // guarded by the GIL
+  JobContext job_;
+};
+
+// See _core.pyi for what Python calls.
+py::tuple Run(const std::string& config_bytes, const py::object& mesh, std::optional<double> timeout,
+              const py::object& progress, bool on_device, const py::object& positions) {
+  const ParsedConfig config = Parsed(config_bytes);
+  Sources sources;
+  sources.Add(mesh, config.mesh_type, positions);
+  PythonJob job(timeout, progress);
   absl::StatusOr<Outcome> outcome = absl::UnknownError("the job did not run");
-  RunInterruptible(job, [&] { outcome = Voxelize(*config, file, job, on_device); });
-  if (raised) throw std::move(*raised);
+  job.Run([&] { outcome = RunOne(config, sources.list()[0], job.job(), on_device); });
   if (!outcome.ok()) Throw(outcome.status());
   return Answer(*std::move(outcome));
+}
+
+py::list RunAll(const std::string& config_bytes, const py::list& meshes, std::optional<double> timeout) {
+  const ParsedConfig config = Parsed(config_bytes);
+  Sources sources;
+  std::deque<JobContext> jobs;
+  std::vector<JobContext*> each;
+  for (const py::handle item : meshes) {
+    const auto [mesh, format, unit] = py::cast<std::tuple<py::object, int, int>>(item);
+    sources.Add(mesh, TypeOf(format, unit), py::none());
+    each.push_back(&jobs.emplace_back());
+    SetTimeout(jobs.back(), timeout);
+  }
+  std::vector<absl::StatusOr<Outcome>> outcomes;
+  RunInterruptible(
+      [&] {
+        for (JobContext& job : jobs) job.Cancel();
+      },
+      [&] { outcomes = RunMany(config, sources.list(), each); });
+  py::list answers;
+  for (absl::StatusOr<Outcome>& outcome : outcomes) {
+    if (outcome.ok()) {
+      answers.append(Answer(*std::move(outcome)));
+    } else {
+      answers.append(py::bytes(ToGrpcStatus(outcome.status()).error_details()));
+    }
+  }
+  return answers;
+}
+
+py::bytes Estimate(const std::string& config_bytes, const py::object& mesh, std::optional<double> timeout) {
+  const ParsedConfig config = Parsed(config_bytes);
+  Sources sources;
+  sources.Add(mesh, config.mesh_type, py::none());
+  PythonJob job(timeout, py::none());
+  absl::StatusOr<v1::EstimateVoxelizationResponse> response = absl::UnknownError("the job did not run");
+  job.Run([&] { response = EstimateOne(config, sources.list()[0], job.job()); });
+  if (!response.ok()) Throw(response.status());
+  return response->SerializeAsString();
+}
+
+std::shared_ptr<HeldMesh> Load(const py::object& mesh, int format, int unit, const std::string& id,
+                               std::optional<double> timeout, const py::object& progress) {
+  const MeshFileType type = TypeOf(format, unit);
+  const Buffer file(mesh);
+  PythonJob job(timeout, progress);
+  absl::StatusOr<std::shared_ptr<HeldMesh>> held = absl::UnknownError("the job did not run");
+  job.Run([&] {
+    try {
+      held = HeldMesh::Load(file.bytes(), type, id, job.job());
+    } catch (const std::bad_alloc&) {
+      held = absl::ResourceExhaustedError("out of memory for the mesh");
+    }
+  });
+  if (!held.ok()) Throw(held.status());
+  return *std::move(held);
 }
 
 // All shaders, as a ListShadersResponse in bytes.
@@ -198,8 +272,14 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("size", &voxelpipe::DeviceBuffer::size)
       .def_readonly("ordinal", &voxelpipe::DeviceBuffer::ordinal)
       .def("dlpack", &voxelpipe::DlpackOf, py::arg("code"), py::arg("bits"), py::arg("shape"));
+  py::class_<voxelpipe::HeldMesh, std::shared_ptr<voxelpipe::HeldMesh>>(module, "HeldMesh")
+      .def("describe", [](const voxelpipe::HeldMesh& m) { return py::bytes(m.Describe().SerializeAsString()); });
+  module.def("load", &voxelpipe::Load, py::arg("mesh"), py::arg("format"), py::arg("unit"), py::arg("id"),
+             py::arg("timeout"), py::arg("progress"));
   module.def("run", &voxelpipe::Run, py::arg("config"), py::arg("mesh"), py::arg("timeout"), py::arg("progress"),
-             py::arg("on_device") = false);
+             py::arg("on_device") = false, py::arg("positions") = py::none());
+  module.def("run_all", &voxelpipe::RunAll, py::arg("config"), py::arg("meshes"), py::arg("timeout"));
+  module.def("estimate", &voxelpipe::Estimate, py::arg("config"), py::arg("mesh"), py::arg("timeout"));
   module.def("shaders", &voxelpipe::Shaders);
   module.def("formats", &voxelpipe::Formats);
   module.def("not_kept", &voxelpipe::NotKept, py::arg("config"), py::arg("header"), py::arg("path"));

@@ -35,7 +35,7 @@ void Throw(const absl::Status& status) {
   throw py::error_already_set();
 }
 
-void RunInterruptible(JobContext& job, const std::function<void()>& work) {
+void RunInterruptible(const std::function<void()>& cancel, const std::function<void()>& work) {
   bool interrupted = false;
   {
     const py::gil_scoped_release no_gil;
@@ -55,7 +55,7 @@ void RunInterruptible(JobContext& job, const std::function<void()>& work) {
         const py::gil_scoped_acquire gil;
         interrupted = PyErr_CheckSignals() != 0;
       }
-      if (interrupted) job.Cancel();
+      if (interrupted) cancel();
       lock.lock();
     }
   }

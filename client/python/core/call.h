@@ -6,7 +6,6 @@
 #include <functional>
 
 #include "absl/status/status.h"
-#include "base/job_context.h"
 
 namespace voxelpipe {
 
@@ -17,7 +16,7 @@ pybind11::object& FailedType();
 [[noreturn]] void Throw(const absl::Status& status);
 
 // Runs `work` on a thread of job_threads.h, without the GIL, and waits for it. `work` must not throw. A signal handler
-// that raises (Ctrl-C) cancels the job; its exception is raised after the work has ended.
-void RunInterruptible(JobContext& job, const std::function<void()>& work);
+// that raises (Ctrl-C) makes `cancel` be called; its exception is raised after the work has ended.
+void RunInterruptible(const std::function<void()>& cancel, const std::function<void()>& work);
 
 }  // namespace voxelpipe

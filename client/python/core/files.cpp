@@ -137,7 +137,7 @@ void WriteFile(const std::string& config, const std::string& header, const std::
   }
   JobContext job;
   absl::Status status = absl::UnknownError("the job did not run");
-  RunInterruptible(job, [&] { status = Write(result->header, bytes, path, job); });
+  RunInterruptible([&] { job.Cancel(); }, [&] { status = Write(result->header, bytes, path, job); });
   if (!status.ok()) Throw(status);
 }
 

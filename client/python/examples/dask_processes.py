@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Meshes on a dask cluster of processes: each worker calls the server itself, through a connection of its own.
+"""Meshes on a dask cluster of processes: each worker calls the server through a connection of its own, or none.
 
 usage: dask_processes.py MESH... [--server ADDRESS] [--workers N] [--resolution N]
 
-Here the cluster is on this machine; distributed.Client("scheduler:8786") takes another one, with a server that its
-workers reach.
+Without a server each worker voxelizes itself, if voxelpipe-core is installed. Here the cluster is on this machine;
+distributed.Client("scheduler:8786") takes another one.
 """
 import argparse
 import functools
@@ -33,19 +33,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("meshes", nargs="+")
     parser.add_argument(
-        "--server", default="", help="default: VOXELPIPE_SERVER, else a server for the time of this run"
+        "--server", default="", help="default: VOXELPIPE_SERVER, else each worker itself, or a server for this run"
     )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--resolution", type=int, default=64)
     given = parser.parse_args()
-    with voxelpipe.Client(given.server or voxelpipe.default_client().server) as client:
-        with distributed.LocalCluster(
-            n_workers=given.workers, threads_per_worker=1, processes=True, dashboard_address=None
-        ) as cluster, distributed.Client(cluster) as dask:
-            work = functools.partial(filled_volume, client=client, resolution=given.resolution)
-            paths = [os.path.abspath(path) for path in given.meshes]
-            for path, volume in zip(given.meshes, dask.gather(dask.map(work, paths))):
-                print(f"{path}: {volume:.6g}")
+    client = voxelpipe.default_client(given.server)
+    with distributed.LocalCluster(
+        n_workers=given.workers, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster, distributed.Client(cluster) as dask:
+        work = functools.partial(filled_volume, client=client, resolution=given.resolution)
+        paths = [os.path.abspath(path) for path in given.meshes]
+        for path, volume in zip(given.meshes, dask.gather(dask.map(work, paths))):
+            print(f"{path}: {volume:.6g}")
 
 
 if __name__ == "__main__":

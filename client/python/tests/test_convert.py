@@ -35,6 +35,9 @@ def grid(client: Client, ball: shapes.Triangles) -> VoxelGrid:
 def test_numpy_and_dlpack_share_the_memory(grid: VoxelGrid) -> None:
     assert numpy.asarray(grid) is grid.mask or numpy.shares_memory(numpy.asarray(grid), grid.mask)
     taken = numpy.from_dlpack(grid)
+    assert grid.__dlpack__(max_version=(1, 0), dl_device=(1, 0), copy=False)  # as consumers of DLPack 1 ask
+    with pytest.raises(BufferError, match="not on the device"):
+        grid.__dlpack__(dl_device=(2, 0))
     assert taken.dtype == numpy.uint8 and numpy.shares_memory(taken, grid.mask)
 
 

@@ -86,6 +86,7 @@ def test_wrong_targets_are_named(text: str) -> None:
         ({"targets": ["bit", None]}, "targets"),
         ({"shader": 7}, "shader"),
         ({"vertex_shader": 7}, "vertex_shader"),
+        ({"vertex_shader": "a b"}, "vertex_shader"),
     ],
 )
 def test_wrong_options_are_named(options: dict[str, Any], field: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
+import signal
 import subprocess
 import threading
 import time
@@ -12,12 +13,13 @@ from typing import Any, Callable, Iterator
 import pytest
 
 import voxelpipe
+from voxelpipe import api
 from voxelpipe._calls.grpc_module import grpc
 from voxelpipe.local_server import find_program
 
 from . import shapes
 
-AWAY_S = 2.5
+AWAY_S = 1.5
 OPTIONS: dict[str, Any] = {"resolution": 16, "coverage": "thin"}
 
 
@@ -39,19 +41,19 @@ class Restarting:
                 return
         raise RuntimeError("the server does not start")
 
-    def stop(self) -> None:
-        """Waits until it has ended."""
+    def stop(self, how: int = signal.SIGKILL) -> None:
+        """Waits until it has ended. A server that drains waits for clients without a call, which notice it late."""
         if self._process is not None:
-            self._process.terminate()
+            self._process.send_signal(how)
             self._process.wait(30)
             assert self._process.stdout is not None
             self._process.stdout.close()
             self._process = None
 
     @contextlib.contextmanager
-    def away(self) -> Iterator[None]:
+    def away(self, how: int = signal.SIGKILL) -> Iterator[None]:
         """Ends it now, and starts it again after AWAY_S."""
-        self.stop()
+        self.stop(how)
         timer = threading.Timer(AWAY_S, self.start)
         timer.start()
         try:
@@ -97,7 +99,7 @@ def test_many_meshes_survive_a_server_that_restarts(restarting: Restarting) -> N
             def meshes() -> Iterator[Any]:
                 for number in range(40):
                     if number == 20:
-                        stack.enter_context(restarting.away())
+                        stack.enter_context(restarting.away(signal.SIGTERM))
                     yield shapes.cube()
 
             results = list(client.voxelize_many(meshes(), errors="return", **OPTIONS))
@@ -123,6 +125,94 @@ def test_the_timeout_ends_the_waiting(restarting: Restarting) -> None:
         assert time.monotonic() - begin < 5
 
 
+@pytest.mark.parametrize("options", [{"retries": 0}, {"timeout": None}])
+def test_without_retries_or_a_timeout_nobody_waits(restarting: Restarting, options: dict[str, Any]) -> None:
+    with voxelpipe.Client(restarting.address, **options) as client:
+        client.server_info()
+        restarting.stop()
+        begin = time.monotonic()
+        with pytest.raises(voxelpipe.Unavailable):
+            client.voxelize(shapes.cube(), **OPTIONS)
+        assert time.monotonic() - begin < 5
+
+
+def test_one_call_waits_in_vain_and_the_next_do_not(restarting: Restarting) -> None:
+    with voxelpipe.Client(restarting.address, timeout=1) as client:
+        client.voxelize(shapes.cube(), **OPTIONS)
+        restarting.stop()
+        told: list[str] = []
+        with pytest.raises(voxelpipe.VoxelpipeError):
+            client.voxelize(shapes.cube(), progress=lambda stage, *_: told.append(stage), **OPTIONS)
+        assert "waiting for the server" in told
+        begin = time.monotonic()
+        for errors in ("raise", "return"):
+            with contextlib.suppress(voxelpipe.Unavailable):
+                results = list(client.voxelize_many([shapes.cube()] * 8, errors=errors, **OPTIONS))
+        assert all(isinstance(result, voxelpipe.VoxelpipeError) for result in results)
+        assert time.monotonic() - begin < 12, "less than the timeout a mesh, and once more"
+        restarting.start()
+        assert isinstance(client.voxelize(shapes.cube(), **OPTIONS), voxelpipe.VoxelGrid)
+
+
+def test_an_answer_that_is_an_error_is_an_answer(restarting: Restarting) -> None:
+    with voxelpipe.Client(restarting.address, retries=1, timeout=60) as client:
+        with pytest.raises(voxelpipe.InvalidRequest):
+            client.voxelize(shapes.cube(), shader="no_such_shader")
+        with restarting.away():
+            assert client.voxelize(shapes.cube(), **OPTIONS).mask.any()
+
+
+def test_a_local_server_that_is_gone_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    with voxelpipe.local_server() as local, local.client() as client:
+        client.voxelize(shapes.cube(), **OPTIONS)
+        assert local.is_running()
+        local.stop()
+        assert not local.is_running()
+        begin = time.monotonic()
+        with pytest.raises(voxelpipe.Unavailable):
+            client.voxelize(shapes.cube(), **OPTIONS)
+        assert time.monotonic() - begin < 5
+    monkeypatch.delenv("VOXELPIPE_SERVER", raising=False)
+    monkeypatch.setattr("voxelpipe._calls.core_module.available", lambda: False)
+    voxelpipe.shutdown()
+    first = voxelpipe.default_client()
+    before = voxelpipe.voxelize(shapes.cube(), **OPTIONS)
+    api._server.stop()  # type: ignore[union-attr]
+    assert voxelpipe.voxelize(shapes.cube(), **OPTIONS) == before, "by a new one"
+    assert voxelpipe.default_client() is not first
+    voxelpipe.shutdown()
+
+
+def test_closing_ends_a_call_that_waits(restarting: Restarting) -> None:
+    async def run() -> None:
+        client = voxelpipe.AsyncClient(restarting.address, timeout=60)
+        await client.server_info()
+        restarting.stop()
+        waits = asyncio.ensure_future(client.voxelize(shapes.cube(), **OPTIONS))
+        await asyncio.sleep(1)
+        begin = time.monotonic()
+        await client.aclose()
+        with pytest.raises(voxelpipe.errors.Cancelled):
+            await waits
+        with pytest.raises(voxelpipe.errors.Cancelled):
+            await client.server_info()
+        assert time.monotonic() - begin < 1
+
+    asyncio.run(run())
+
+
+def test_closing_ends_a_call_that_runs(restarting: Restarting) -> None:
+    async def run() -> None:
+        client = voxelpipe.AsyncClient(restarting.address, timeout=60)
+        runs = asyncio.ensure_future(client.voxelize(shapes.heavy(), resolution=700, normal="normal:f32"))
+        await asyncio.sleep(0.7)
+        await client.aclose()
+        with pytest.raises(voxelpipe.errors.Cancelled):
+            await runs
+
+    asyncio.run(run())
+
+
 def test_a_wrong_address_is_not_waited_for(closed_port: str) -> None:
     begin = time.monotonic()
     with pytest.raises(voxelpipe.Unavailable) as caught:
@@ -131,7 +221,7 @@ def test_a_wrong_address_is_not_waited_for(closed_port: str) -> None:
 
 
 class Cancelling(grpc.GenericRpcHandler):  # type: ignore[misc]
-    """Cancels the first calls, as gRPC's servers do that shut down."""
+    """Cancels the first calls, as a gRPC server does that shuts down."""
 
     def __init__(self, cancelled: int) -> None:
         self.left = cancelled

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds the wheels and installs them, without an index, into a new environment; there the first program of README.md
-# runs in this process and leaves its picture.
+# and the examples run in this process, without a server's program; the first one leaves its picture.
 # usage: wheels.sh WORK_FOLDER      VOXELPIPE_CORE_PACKAGE: the folder of the compiled package
 # Exit status 77 with the reason: there is no compiled package, or Python lacks what builds wheels.
 set -euo pipefail
@@ -31,4 +31,9 @@ awk '/^```python$/ {inside = 1; next} /^```$/ {if (inside) exit} inside' "$here/
 unset VOXELPIPE_SERVER VOXELPIPE_VOXELPIPED VOXELPIPE_CORE_PACKAGE
 PATH=/usr/bin:/bin "$work/venv/bin/python" first.py
 [[ "$(head -c 4 bunny.png | tail -c 3)" == PNG ]] || { echo "wheels.sh: no picture" >&2; exit 1; }
+example() { PATH=/usr/bin:/bin "$work/venv/bin/python" "$here/examples/$1.py" "${@:2}"; }
+example glb_to_colors colors bunny.glb --resolution 32
+example rotating_part bunny.glb --steps 2 --resolution 24
+example training_set . shards --resolution 16
+[[ -s colors/bunny.npz && -s shards/shard-00000.npz ]] || { echo "wheels.sh: no files of the examples" >&2; exit 1; }
 "$work/venv/bin/python" -c 'from voxelpipe._calls import core_module; assert core_module.available()'

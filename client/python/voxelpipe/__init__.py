@@ -11,7 +11,7 @@ from . import errors
 from ._calls.session import Tls
 from ._version import VERSION
 from .aio import AsyncClient
-from .api import default_client, shutdown, voxelize, voxelize_on_device
+from .api import default_client, shutdown, voxelize, voxelize_many, voxelize_on_device
 from .buckets import Buckets
 from .client import Client
 from .device import DeviceArray, DeviceGrid
@@ -35,6 +35,7 @@ from .errors import (
 from ._mesh.forms import MeshFile, load_mesh
 from ._mesh.glb import Mesh
 from .grid import Sparse, VoxelGrid
+from .in_process_client import InProcessClient
 from .local_server import LocalServer, local_server
 from .mesh_handle import MeshHandle
 from .place import GridPlace
@@ -53,6 +54,7 @@ __all__ = [
     "DeviceGrid",
     "Estimate",
     "GridPlace",
+    "InProcessClient",
     "InvalidMesh",
     "InvalidRequest",
     "LocalServer",
@@ -87,5 +89,6 @@ __all__ = [
     "local_server",
     "shutdown",
     "voxelize",
+    "voxelize_many",
     "voxelize_on_device",
 ]

@@ -4,12 +4,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import threading
 from typing import Any, AsyncIterable, AsyncIterator, Awaitable, Callable, Iterable, Iterator, TypeVar
 
+from ._calls import core_module
 from ._calls.address import ServerLike, address_of
 from ._calls.grpc_module import grpc
 from ._calls.many import unreadable
-from ._calls.progress import Progress, Reporter
+from ._calls.progress import WAITING, Progress, Reporter
 from ._calls.reader import ResultReader
 from ._calls.retry import Deadline, Retries, ServerState
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
@@ -27,8 +29,9 @@ from ._calls.session import (
 from ._calls.status import of_call, of_cancelled
 from ._calls.wire import parsed
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
-from .errors import MeshNotFound, ServerFailed, VoxelpipeError
+from .errors import Cancelled, MeshNotFound, ServerFailed, VoxelpipeError
 from .grid import VoxelGrid
+from .in_process_client import InProcessClient
 from .mesh_handle import MeshHandle, job_of
 from .options import client_method, make_request
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
@@ -57,7 +60,9 @@ class AsyncClient:
         max_result_bytes: int = 64 << 30,
         plaintext_token: bool = False,
     ) -> None:
-        """The options are those of Client. Errors: InvalidRequest."""
+        """The options are those of Client. Without an address and the variable VOXELPIPE_SERVER it runs requests in
+        this process if voxelpipe_core is installed: see InProcessClient. Errors: InvalidRequest.
+        """
         if not (token or token_file):
             token = os.environ.get("VOXELPIPE_TOKEN", "")
         self._options = Options(
@@ -70,9 +75,15 @@ class AsyncClient:
             max_result_bytes=max_result_bytes,
             plaintext_token=plaintext_token,
         )
-        self._options.check()
         self._channel: Any = None
-        self._state = ServerState()
+        self._inside: InProcessClient | None = None
+        if not self._options.server and core_module.available():
+            self._inside = InProcessClient(timeout=timeout)
+        else:
+            self._options.check()
+        self._state = ServerState(getattr(server, "restarts", True))
+        self._closing = asyncio.Event()
+        self._calls: set[Any] = set()
 
     @property
     def server(self) -> str:
@@ -80,10 +91,15 @@ class AsyncClient:
         return self._options.server
 
     async def aclose(self) -> None:
-        """Ends running calls and the connection."""
+        """Ends running calls, which raise Cancelled, and the connection. Later calls raise Cancelled."""
+        self._closing.set()
+        for call in list(self._calls):
+            call.cancel()
         if self._channel is not None:
             await self._channel.close()
         self._channel = None
+        if self._inside is not None:
+            await asyncio.to_thread(self._inside.close)
 
     async def __aenter__(self) -> "AsyncClient":
         return self
@@ -98,17 +114,20 @@ class AsyncClient:
     async def voxelize(self, mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
         """Voxelizes one mesh on this server: see voxelpipe.voxelize() and Client.voxelize()."""
         job, kept = await asyncio.to_thread(job_of, mesh, call)
+        if self._inside is not None:
+            run, timeout = self._inside.run, call.timeout
+            return await _in_thread(call.progress, lambda told: run(job, kept, timeout=timeout, progress=told))
         reporter = Reporter(call.progress)
         deadline = self._deadline(call.timeout)
         with contextlib.closing(reporter), naming(kept or job.file):
             try:
-                return await self._again(deadline, lambda left: self._voxelize(job, left, reporter))
+                return await self._again(deadline, lambda left: self._voxelize(job, left, reporter), reporter)
             except MeshNotFound:
                 if kept is None:
                     raise
             file = kept
-            await self._again(deadline, lambda left: self._upload(file, left, reporter))
-            return await self._again(deadline, lambda left: self._voxelize(job, left, reporter))
+            await self._again(deadline, lambda left: self._upload(file, left, reporter), reporter)
+            return await self._again(deadline, lambda left: self._voxelize(job, left, reporter), reporter)
 
     async def voxelize_many(
         self,
@@ -158,25 +177,35 @@ class AsyncClient:
         self, mesh: MeshLike, *, keep: bool = True, timeout: float | None = None, progress: Progress = None
     ) -> MeshHandle:
         """Stores a mesh on the server: see Client.upload()."""
+        if self._inside is not None:
+            load, each = self._inside.upload, timeout
+            return await _in_thread(progress, lambda told: load(mesh, keep=keep, timeout=each, progress=told))
         file = await asyncio.to_thread(load_mesh, mesh)
         reporter = Reporter(progress)
         with contextlib.closing(reporter), naming(file):
-            response = await self._again(self._deadline(timeout), lambda left: self._upload(file, left, reporter))
+            deadline = self._deadline(timeout)
+            response = await self._again(deadline, lambda left: self._upload(file, left, reporter), reporter)
         stored = StoredMesh.of(response.mesh)
         return MeshHandle(stored.mesh_id, stored, response.already_stored, file if keep else None)
 
     async def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
         """The server's description of a kept mesh: see Client.stored_mesh()."""
+        if self._inside is not None:
+            return await asyncio.to_thread(self._inside.stored_mesh, mesh)
         request = service.GetMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
         return StoredMesh.of(parsed(service.GetMeshResponse, await self._quick("GetMesh", request)).mesh)
 
     async def delete_mesh(self, mesh: MeshHandle | str) -> int:
         """Releases this caller's claim on a mesh: see Client.delete_mesh()."""
+        if self._inside is not None:
+            return await asyncio.to_thread(self._inside.delete_mesh, mesh)
         request = service.DeleteMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
         return int(parsed(service.DeleteMeshResponse, await self._quick("DeleteMesh", request)).freed_bytes)
 
     async def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
         """The plan of a request, without running it: see Client.estimate()."""
+        if self._inside is not None:
+            return await asyncio.to_thread(self._inside.estimate, mesh, timeout=timeout, **options)
         kept = mesh if isinstance(mesh, MeshHandle) else None
         file = None if kept else await asyncio.to_thread(load_mesh, mesh)
         message = estimate_request(make_request(**options), file, kept.mesh_id if kept else "")
@@ -188,11 +217,15 @@ class AsyncClient:
 
     async def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""
+        if self._inside is not None:
+            return await asyncio.to_thread(self._inside.shaders)
         answer = await self._quick("ListShaders", service.ListShadersRequest())
         return [ShaderInfo.of(shader) for shader in parsed(service.ListShadersResponse, answer).shaders]
 
     async def server_info(self) -> ServerInfo:
         """Version, backends, devices and limits of the server."""
+        if self._inside is not None:
+            return self._inside.server_info()
         answer = await self._quick("GetServerInfo", service.GetServerInfoRequest())
         return ServerInfo.of(parsed(service.GetServerInfoResponse, answer))
 
@@ -201,15 +234,31 @@ class AsyncClient:
     def _deadline(self, timeout: float | None) -> Deadline:
         return Deadline(self._options.timeout if timeout is None else checked_timeout(timeout))
 
-    async def _again(self, deadline: Deadline, call: Callable[[float | None], Awaitable[_Result]]) -> _Result:
+    async def _again(
+        self,
+        deadline: Deadline,
+        call: Callable[[float | None], Awaitable[_Result]],
+        reporter: Reporter | None = None,
+    ) -> _Result:
         retries = Retries(self._options.retries, deadline, self._state)
         while True:
             try:
                 result = await call(deadline.left())
-                self._state.answered = True
+                self._state.note(None)
                 return result
             except VoxelpipeError as error:
-                await asyncio.sleep(retries.delay(error))
+                delay = retries.delay(error)
+            if retries.waiting and reporter is not None:
+                reporter(WAITING, 0.0, 0)
+            await self._sleep(delay)
+
+    async def _sleep(self, delay: float) -> None:
+        """Errors: Cancelled as soon as the client is closed."""
+        try:
+            await asyncio.wait_for(self._closing.wait(), delay)
+        except asyncio.TimeoutError:
+            return
+        raise Cancelled("the client is closed")
 
     async def _quick(self, name: str, request: Any) -> bytes | None:
         data = request.SerializeToString()
@@ -217,6 +266,8 @@ class AsyncClient:
         return answer[0]
 
     def _open(self) -> Any:
+        if self._closing.is_set():
+            raise Cancelled("the client is closed")
         if self._channel is None:
             settings = self._options.channel_options()
             if self._options.tls is None:
@@ -227,29 +278,33 @@ class AsyncClient:
         return self._channel
 
     @contextlib.contextmanager
-    def _failures(self, request_id: str) -> Iterator[None]:
-        """Turns the failure of a call of gRPC into the error of its reason."""
+    def _failures(self, call: Any, request_id: str) -> Iterator[None]:
+        """Turns the failure of a call of gRPC into the error of its reason, and ends the call with the context."""
+        self._calls.add(call)
         try:
             yield
+        except asyncio.CancelledError:
+            if self._closing.is_set():
+                raise Cancelled("the client is closed", request_id=request_id) from None
+            raise
         except grpc.RpcError as error:
             text = error.details() or ""
             code, trailers = error.code().name, error.trailing_metadata()
-            if code == "CANCELLED" and self._channel is not None:
-                raise of_cancelled(self._options.server, request_id) from None
+            if code == "CANCELLED" and not self._closing.is_set():
+                raise of_cancelled(text, self._options.server, request_id) from None
             raise of_call(code, text, trailers, self._options.server, request_id) from None
         except KeyError as error:  # grpc.aio looks the code up in a table
             raise ServerFailed(f"the server ended the call with the code {error}", request_id=request_id) from None
-
-    async def _received(self, call: Any, request_id: str) -> AsyncIterator[bytes]:
-        with self._failures(request_id):
-            async for message in call:
-                yield message
+        finally:
+            self._calls.discard(call)
+            call.cancel()  # without effect on a call that has ended
 
     async def _unary(self, name: str, request: bytes, timeout: float | None) -> tuple[bytes | None, str]:
         request_id = new_request_id()
         metadata = self._options.metadata(request_id)
-        with self._failures(request_id):
-            answer = await self._open().unary_unary(SERVICE + name)(request, timeout=timeout, metadata=metadata)
+        call = self._open().unary_unary(SERVICE + name)(request, timeout=timeout, metadata=metadata)
+        with self._failures(call, request_id):
+            answer = await call
         return answer, request_id
 
     async def _voxelize(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
@@ -262,11 +317,9 @@ class AsyncClient:
             method = self._open().stream_stream(SERVICE + "Voxelize")
             call = method(_as_async(job.messages(reporter)), timeout=timeout, metadata=metadata)
         reader = ResultReader(job.request, self._options.max_result_bytes, request_id, reporter)
-        try:
-            async for message in self._received(call, request_id):
+        with self._failures(call, request_id):
+            async for message in call:
                 reader.add_bytes(message)
-        finally:
-            call.cancel()  # without effect on a call that has ended
         return reader.finish()
 
     async def _upload(self, file: MeshFile, timeout: float | None, reporter: Reporter) -> Any:
@@ -275,9 +328,33 @@ class AsyncClient:
         mesh_id = await asyncio.to_thread(file.mesh_id)
         method = self._open().stream_unary(SERVICE + "UploadMesh")
         requests = _as_async(upload_messages(file, mesh_id, reporter))
-        with self._failures(request_id):
-            answer = await method(requests, timeout=timeout, metadata=metadata)
+        call = method(requests, timeout=timeout, metadata=metadata)
+        with self._failures(call, request_id):
+            answer = await call
         return uploaded(answer, mesh_id)
+
+
+async def _in_thread(progress: Progress, work: Callable[[Progress], _Result]) -> _Result:
+    """What work(progress) returns, on another thread. Cancelling the task ends the job at its next progress."""
+    reporter = Reporter(progress)
+    cancelled = threading.Event()
+
+    def told(stage: str, fraction: float, size: int) -> None:
+        if cancelled.is_set():
+            raise Cancelled("the call was cancelled")
+        reporter(stage, fraction, size)
+
+    def run() -> _Result:
+        with contextlib.closing(reporter):
+            return work(told)
+
+    running = asyncio.ensure_future(asyncio.to_thread(run))
+    try:
+        return await asyncio.shield(running)
+    except asyncio.CancelledError:
+        cancelled.set()
+        running.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
+        raise
 
 
 async def _as_async(items: Iterable[_Item]) -> AsyncIterator[_Item]:

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import os
 import threading
-from typing import Any
+from typing import Any, Iterable, Iterator
 
 from ._calls import core_module, in_process
 from ._calls.address import ServerLike, address_of
@@ -12,7 +12,9 @@ from ._calls.session import Job
 from ._mesh.forms import MeshLike, load_mesh
 from .client import Client
 from .device import DeviceGrid
+from .errors import VoxelpipeError
 from .grid import VoxelGrid
+from .in_process_client import InProcessClient
 from .local_server import LocalServer, local_server
 from .mesh_handle import MeshHandle, job_of
 from .options import make_request, with_options
@@ -34,17 +36,28 @@ os.register_at_fork(after_in_child=_reset_lock)
 def default_client(server: ServerLike = "") -> Client:
     """The client that voxelize() uses for an address; it is shared and stays open.
 
-    server: empty: the variable VOXELPIPE_SERVER, else a local server that is started once for this process.
+    server: empty: the variable VOXELPIPE_SERVER, else this process if voxelpipe_core is installed, else a local server
+    that is started once for this process.
     """
     global _server
     with _lock:
         address = address_of(server) or os.environ.get("VOXELPIPE_SERVER", "")
+        if not address and "" not in _clients and core_module.available():
+            _clients[""] = InProcessClient()
+        if not address and "" in _clients:
+            return _clients[""]
         if not address:
-            if _server is None:
-                _server = local_server()
-            address = _server.server
+            if _server is not None and not _server.is_running():
+                gone = _clients.pop(_server.server, None)
+                if gone is not None:
+                    gone.close()
+                _server.stop()
+                _server = None
+            _server = _server or local_server()
+            server = _server
+            address = server.server
         if address not in _clients:
-            _clients[address] = Client(address)
+            _clients[address] = Client(server or address)
         return _clients[address]
 
 
@@ -89,12 +102,25 @@ def voxelize(mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
     TooLarge, Overloaded, Unavailable, DeadlineExceeded and the others of voxelpipe.errors; OSError for files. Ctrl-C
     cancels the call.
     """
-    inside = call.server is None and not os.environ.get("VOXELPIPE_SERVER") and not isinstance(mesh, MeshHandle)
     job, file = job_of(mesh, call)
-    if inside and core_module.available():
-        return in_process.run(job, call.timeout, call.progress)
     client = call.server if isinstance(call.server, Client) else default_client(call.server or "")
     return client.run(job, file, timeout=call.timeout, progress=call.progress)
+
+
+def voxelize_many(
+    meshes: Iterable[MeshLike | MeshHandle],
+    *,
+    server: ServerLike | None = None,
+    in_flight: int = 16,
+    errors: str = "raise",
+    **options: Any,
+) -> Iterator[VoxelGrid | VoxelpipeError]:
+    """Voxelizes many meshes with the same options: see Client.voxelize_many(). server: see voxelize().
+
+    Without a server the meshes run in batches of in_flight, on all cores or a GPU.
+    """
+    client = server if isinstance(server, Client) else default_client(server or "")
+    return client.voxelize_many(meshes, in_flight=in_flight, errors=errors, **options)
 
 
 def voxelize_on_device(

@@ -12,7 +12,7 @@ from ._calls.ahead import received_ahead
 from ._calls.connection import Connection
 from ._calls.grpc_module import grpc
 from ._calls.many import Many
-from ._calls.progress import Progress, Reporter
+from ._calls.progress import WAITING, Progress, Reporter
 from ._calls.reader import ResultReader
 from ._calls.retry import Deadline, Retries, ServerState
 from ._calls.session import (
@@ -67,7 +67,8 @@ class Client:
         this machine only, unless plaintext_token. tls: True for the system's certificates. timeout: seconds of a call,
         its retries included; None: no limit. retries: how often a call is made again if the server is busy or the
         connection is lost: after the delay that it asks for, else after up to 5 s. A server that has answered this
-        client and cannot be reached is taken for one that restarts: it is asked again until the timeout.
+        client and cannot be reached is asked again until the timeout, as it may restart; not with retries=0 or without
+        a timeout, and not by further calls once one has waited in vain.
         max_result_bytes: results that take more memory here are refused; bits that do not stay packed take a byte each.
         Errors: InvalidRequest.
         """
@@ -85,7 +86,7 @@ class Client:
                 plaintext_token=plaintext_token,
             )
         )
-        self._state = ServerState()
+        self._state = ServerState(getattr(server, "restarts", True))
         self._max_message_bytes = 0
 
     # ---- life ----
@@ -131,12 +132,12 @@ class Client:
         deadline = self._deadline(timeout)
         with contextlib.closing(reporter), naming(file or job.file):
             try:
-                return self._again(deadline, lambda left: self._voxelize(job, left, reporter))
+                return self._again(deadline, lambda left: self._voxelize(job, left, reporter), reporter)
             except MeshNotFound:
                 if file is None:
                     raise
-            self._again(deadline, lambda left: self._upload(file, left, reporter))
-            return self._again(deadline, lambda left: self._voxelize(job, left, reporter))
+            self._again(deadline, lambda left: self._upload(file, left, reporter), reporter)
+            return self._again(deadline, lambda left: self._voxelize(job, left, reporter), reporter)
 
     def voxelize_many(
         self,
@@ -157,9 +158,16 @@ class Client:
             raise TypeError(f"meshes: {meshes!r} is one mesh; give a list, or call voxelize()")
         if errors not in ("raise", "return"):
             raise ValueError(f"errors: '{errors}' is neither raise nor return")
+        if in_flight < 1:
+            raise ValueError(f"in_flight: {in_flight} is below 1")
         timeout = checked_timeout(options.pop("timeout", None))
         request = make_request(**options)
-        return Many(self, self._connection, request, in_flight, errors == "return", timeout).results(meshes)
+        return self._many(request, in_flight, errors == "return", timeout)(meshes)
+
+    def _many(
+        self, request: Request, in_flight: int, keep: bool, timeout: float | None
+    ) -> Callable[[Iterable[Any]], Iterator[VoxelGrid | VoxelpipeError]]:
+        return Many(self, self._connection, request, in_flight, keep, timeout).results
 
     # ---- meshes ----
 
@@ -174,7 +182,7 @@ class Client:
         file = load_mesh(mesh)
         reporter = Reporter(progress)
         with contextlib.closing(reporter), naming(file):
-            response = self._again(self._deadline(timeout), lambda left: self._upload(file, left, reporter))
+            response = self._again(self._deadline(timeout), lambda left: self._upload(file, left, reporter), reporter)
         stored = StoredMesh.of(response.mesh)
         return MeshHandle(stored.mesh_id, stored, response.already_stored, file if keep else None)
 
@@ -235,15 +243,23 @@ class Client:
         data = request.SerializeToString()
         return self._again(Deadline(_QUICK_S), lambda left: self._connection.unary(name, data, left)[0])
 
-    def _again(self, deadline: Deadline, call: Callable[[float | None], _Result]) -> _Result:
+    def _again(
+        self, deadline: Deadline, call: Callable[[float | None], _Result], reporter: Reporter | None = None
+    ) -> _Result:
         retries = Retries(self._connection.options.retries, deadline, self._state)
         while True:
             try:
                 result = call(deadline.left())
-                self._state.answered = True
+                self._state.note(None)
                 return result
             except VoxelpipeError as error:
-                time.sleep(retries.delay(error))
+                delay, connected = retries.delay(error), getattr(error, "connected", True)
+            if retries.waiting and reporter is not None:
+                reporter(WAITING, 0.0, 0)
+            if connected:
+                time.sleep(delay)
+            else:
+                self._connection.wait_connected(delay)
 
     def _reader(self, request: Request, request_id: str, reporter: Reporter) -> ResultReader:
         return ResultReader(request, self._connection.options.max_result_bytes, request_id, reporter)

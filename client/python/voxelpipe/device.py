@@ -42,7 +42,19 @@ class DeviceArray:
             "version": 3,
         }
 
-    def __dlpack__(self, *, stream: Any = None) -> Any:
+    def __dlpack__(
+        self,
+        *,
+        stream: Any = None,
+        max_version: tuple[int, int] | None = None,
+        dl_device: tuple[Any, int] | None = None,
+        copy: bool | None = None,
+    ) -> Any:
+        """An unversioned capsule, which consumers of every version take. Errors: BufferError for another device, or a
+        copy, which the consumer makes.
+        """
+        if copy or dl_device not in (None, self.__dlpack_device__()):
+            raise BufferError("the array stays where it is; copy what was made of it")
         return self._buffer.dlpack(_CODES[self.dtype.kind], 8 * self.dtype.itemsize, list(self.shape))
 
     def __dlpack_device__(self) -> tuple[int, int]:

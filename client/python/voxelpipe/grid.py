@@ -283,9 +283,21 @@ class VoxelGrid:
         array = self.array if dtype is None else self.array.astype(dtype, copy=False)
         return array.copy() if copy else array
 
-    def __dlpack__(self, *, stream: Any = None) -> Any:
-        """The first target's array; bits as uint8, which every library takes."""
-        return convert.for_dlpack(self.array).__dlpack__(stream=stream)
+    def __dlpack__(
+        self,
+        *,
+        stream: Any = None,
+        max_version: tuple[int, int] | None = None,
+        dl_device: tuple[Any, int] | None = None,
+        copy: bool | None = None,
+    ) -> Any:
+        """The first target's array; bits as uint8, which every library takes. An unversioned capsule, which consumers
+        of every version take. Errors: BufferError for another device than this machine's memory.
+        """
+        if dl_device not in (None, self.__dlpack_device__()):
+            raise BufferError(f"the result is in this machine's memory, not on the device {dl_device}")
+        array = convert.for_dlpack(self.array)
+        return (array.copy() if copy else array).__dlpack__(stream=stream)
 
     def __dlpack_device__(self) -> tuple[int, int]:
         return 1, 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 import os
 import pathlib
 import shutil
+import socket
 import subprocess
 import tempfile
 import threading
@@ -73,13 +74,21 @@ def _quick_end(options: Sequence[str]) -> list[str]:
 class LocalServer:
     """A running voxelpiped. server: its address. A context manager; also ends with this process."""
 
+    restarts = False  # if it is gone, nobody starts it at its address again
+
     def __init__(self, process: "subprocess.Popen[str]", folder: str) -> None:
+        self._folder = folder
         self.server = _address_of(folder)
         self._end = weakref.finalize(self, _stop, process, folder, os.getpid())
 
     def client(self, **options: Any) -> Client:
         """A new client of it. options: those of Client."""
-        return Client(self.server, **options)
+        return Client(self, **options)
+
+    def is_running(self) -> bool:
+        """True if it takes connections."""
+        with socket.socket(socket.AF_UNIX) as connection:
+            return connection.connect_ex(_socket_of(self._folder)) == 0
 
     def stop(self) -> None:
         """Ends the server."""

@@ -43,18 +43,21 @@ class Request:
 
     def small_result(self, limit_bytes: int) -> bool:
         """True if the result can only be at most this large: a dense one of a bounded grid."""
+        dense = self.config.result in (types.RESULT_KIND_UNSPECIFIED, types.RESULT_KIND_DENSE)
+        return dense and self.dense_bytes() <= limit_bytes
+
+    def dense_bytes(self) -> float:
+        """The most bytes of a dense result with the grid and the targets of this request; infinite if unknown."""
         grid = self.config.grid
-        if self.config.result not in (types.RESULT_KIND_UNSPECIFIED, types.RESULT_KIND_DENSE):
-            return False
         if grid.HasField("dims"):
             axes = (grid.dims.x, grid.dims.y, grid.dims.z)
         elif grid.HasField("voxel_size"):
-            return False
+            return math.inf
         else:
             axes = (grid.resolution or _DEFAULT_RESOLUTION,) * 3
         voxels = math.prod(max(0, axis + 2 * grid.padding) for axis in axes)
         sizes = {"bit": 0.125, "u8": 1, "u16": 2, "f16": 2, "u32": 4, "f32": 4}
-        return sum(voxels * sizes[target.format] * (target.components or 4) for target in self.targets) <= limit_bytes
+        return sum(voxels * sizes[target.format] * (target.components or 4) for target in self.targets)
 
 
 def _per_axis(value: Any, field: str) -> tuple[float, float, float]:
@@ -152,7 +155,12 @@ def _grid(
 def _shader(shader: ShaderLike | None, field: str) -> Shader | None:
     if shader is not None and not isinstance(shader, (Shader, str)):
         raise InvalidRequest(f"{field}: {shader!r} is neither a Shader nor a text", field=field)
-    return Shader.parse(shader) if isinstance(shader, str) else shader
+    if not isinstance(shader, str):
+        return shader
+    try:
+        return Shader.parse(shader)
+    except InvalidRequest as error:
+        raise InvalidRequest(f"{field}{error.message.removeprefix('shader')}", field=field) from None
 
 
 def _listed(targets: Any) -> list[TargetLike]:

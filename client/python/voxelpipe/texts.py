@@ -9,7 +9,9 @@ import re
 from typing import Union
 
 _SHADER = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)(?:\(([^()]+)\))?")
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf(?:inity)?", re.IGNORECASE)
+_NUMBER = re.compile(
+    r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|[+-]?inf(?:inity)?", re.IGNORECASE | re.ASCII
+)
 _FORMAT = re.compile(r"(bit|u8|u16|u32|f16|f32|srgb8)(?:x([1-4]))?")
 _LIKE_A_FORMAT = re.compile(r"(?:bit|srgb8?|[ufi][0-9]+)(?:x[0-9]*)?")
 _BLENDS = ("or", "replace", "min", "max", "add", "first", "average", "count", "and")

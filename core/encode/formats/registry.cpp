@@ -24,7 +24,7 @@ std::string TargetsNotDrawn(const ResultHeader& header) {
   return bits > 1 || others > 1 ? "the file shows the solid voxels in one colour each, not every target" : "";
 }
 
-// No .vox holds the grid's origin and voxel size: that is known of the format, and no news of one result.
+// That a .vox does not hold the grid's origin and voxel size is true of every one, so it is no warning.
 std::string NotInVox(const ResultHeader& header) {
   constexpr int64_t kMaxDim = 2000;  // from -1000 to 999
   std::string lost;

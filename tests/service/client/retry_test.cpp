@@ -122,7 +122,7 @@ TEST(RetryTest, AClientDoesNotRepeatWhatCannotSucceed) {
   EXPECT_EQ(service.calls(), 1);
 }
 
-// gRPC's servers end calls with CANCELLED that arrive as they shut down.
+// A gRPC server that shuts down ends new calls with CANCELLED.
 TEST(RetryTest, ACallThatTheServerCancelsIsMadeAgain) {
   const JobContext job;
   const BusyService once(1, absl::CancelledError("CANCELLED"));

@@ -2,6 +2,18 @@
 
 It speaks the messages of the service as bytes; programs use voxelpipe.voxelize().
 """
-from ._core import DeviceBuffer, Failed, formats, not_kept, run, shaders, write
+from ._core import DeviceBuffer, Failed, HeldMesh, estimate, formats, load, not_kept, run, run_all, shaders, write
 
-__all__ = ["DeviceBuffer", "Failed", "formats", "not_kept", "run", "shaders", "write"]
+__all__ = [
+    "DeviceBuffer",
+    "Failed",
+    "HeldMesh",
+    "estimate",
+    "formats",
+    "load",
+    "not_kept",
+    "run",
+    "run_all",
+    "shaders",
+    "write",
+]

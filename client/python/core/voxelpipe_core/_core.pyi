@@ -17,20 +17,50 @@ class DeviceBuffer:
     def dlpack(self, code: int, bits: int, shape: list[int]) -> Any:
         """A DLPack capsule that keeps the memory. code: 1 unsigned, 2 float. shape: in C order."""
 
+class HeldMesh:
+    """A mesh that stays loaded, for many requests at the same time."""
+
+    def describe(self) -> bytes:
+        """A StoredMesh."""
+
+def load(
+    mesh: Any,
+    format: int,
+    unit: int,
+    id: str,
+    timeout: float | None,
+    progress: Callable[[str, float], None] | None,
+) -> HeldMesh:
+    """Loads a mesh file, whose bytes are not needed later. In: MeshFormat, LengthUnit; otherwise as run()."""
+
 def run(
     config: bytes,
     mesh: Any,
     timeout: float | None,
     progress: Callable[[str, float], None] | None,
     on_device: bool = False,
+    positions: Any = None,
 ) -> tuple[bytes, list[Any], bytes]:
     """Runs one request; the GIL is released meanwhile.
 
-    config: a VoxelizeConfig. mesh: a buffer with the bytes of a mesh file that refers to no others. timeout: seconds.
-    progress: called from another thread. Out: a ResultHeader, the arrays in stream order as flat bytes that own their
-    memory (numpy, uint8), or DeviceBuffer objects with on_device, a Summary. Errors: Failed; what progress or a signal
-    handler raised, after the job has ended.
+    config: a VoxelizeConfig. mesh: a HeldMesh, or a buffer with the bytes of a mesh file that refers to no others.
+    timeout: seconds. progress: called from another thread. positions: of a held mesh: a buffer of float32 x, y, z of
+    each vertex. Out: a ResultHeader, the arrays in stream order as flat bytes that own their memory (numpy, uint8), or
+    DeviceBuffer objects with on_device, a Summary. Errors: Failed; what progress or a signal handler raised, after the
+    job has ended.
     """
+
+def run_all(
+    config: bytes, meshes: list[tuple[Any, int, int]], timeout: float | None
+) -> list[tuple[bytes, list[Any], bytes] | bytes]:
+    """Runs the same request of many meshes, as batches of the core.
+
+    meshes: each a HeldMesh or a buffer, with its MeshFormat and LengthUnit. timeout: of each. Out: of each what run()
+    gives, or its error, a google.rpc.Status as bytes.
+    """
+
+def estimate(config: bytes, mesh: Any, timeout: float | None) -> bytes:
+    """The plan of a request: an EstimateVoxelizationResponse. In, errors: as run()."""
 
 def shaders() -> bytes:
     """All shaders: a ListShadersResponse."""

@@ -328,5 +328,5 @@ def test_every_code_is_an_error_of_this_package(liar: tuple[Liar, str], code: An
     for name in ("server_info", "upload"):
         with pytest.raises(voxelpipe.VoxelpipeError) as caught:
             call(liar[1], name, asynchronous)
-        # gRPC's servers cancel calls that arrive as they shut down: to be made again.
+        # A gRPC server that shuts down ends new calls with CANCELLED: they are made again.
         assert caught.value.code == ("UNAVAILABLE" if code.name == "CANCELLED" else code.name)

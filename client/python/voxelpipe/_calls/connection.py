@@ -20,6 +20,8 @@ _UNSAFE = (
     "before the first call"
 )
 _FORK_WAIT_S = 5.0  # gRPC itself waits as long
+_HEALTH = "/grpc.health.v1.Health/Check"
+_MIN_WAIT_S = 0.02  # between two attempts to connect
 _RESPONSE_BYTES = 64  # of memory that a response takes besides its own
 # Calls do not begin while this process forks: gRPC stands that only between calls.
 _gate = threading.Condition()
@@ -217,8 +219,31 @@ class Connection:
             return errors.Cancelled("the call was cancelled", request_id=request_id)
         text = error.details() or ""
         if error.code() is grpc.StatusCode.CANCELLED and not self._closed:
-            return of_cancelled(self.options.server, request_id)
+            return of_cancelled(text, self.options.server, request_id)
         return of_call(error.code().name, text, error.trailing_metadata(), self.options.server, request_id)
+
+    def wait_connected(self, seconds: float) -> None:
+        """Waits at most so long for a connection, by a call that waits for one: without a call nothing drives a
+        channel, which does not connect then.
+        """
+        end = time.monotonic() + seconds
+        time.sleep(min(seconds, _MIN_WAIT_S))
+        with self._lock:
+            channels = list(self._channels.values())
+        for channel in channels:
+            left = max(0.0, end - time.monotonic())
+            method = channel.unary_unary(_HEALTH)
+            try:
+                call = self._watched(lambda: method.future(b"", timeout=left, wait_for_ready=True))
+            except ValueError:  # another thread has closed the channel
+                return
+            try:
+                call.exception()
+            except grpc.FutureCancelledError:
+                return
+            except BaseException:
+                call.cancel()
+                raise
 
 
 _running_at_fork = False

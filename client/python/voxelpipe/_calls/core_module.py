@@ -10,12 +10,13 @@ from .status import of_status
 
 core: Any = None  # the module; available() sets it
 _looked = False
+_used = False
 _forked_after_use = False
 
 
 def _after_fork() -> None:
     global _forked_after_use
-    _forked_after_use = core is not None  # its threads and its device stayed in the parent
+    _forked_after_use = _used  # its threads and its device stayed in the parent
 
 
 os.register_at_fork(after_in_child=_after_fork)
@@ -41,6 +42,13 @@ def available() -> bool:
     return core is not None
 
 
+def running() -> Any:
+    """The module, for work on threads of its own, if available(): a child process forked later cannot use it."""
+    global _used
+    _used = True
+    return core
+
+
 def needed(what: str) -> Any:
     """The module. In: what needs it, for the message. Errors: MissingPackage unless it is available."""
     if available():
@@ -55,4 +63,9 @@ def needed(what: str) -> Any:
 
 def error_of(failed: Any) -> VoxelpipeError:
     """The error of a voxelpipe_core.Failed."""
-    return of_status(status_pb2.Status.FromString(failed.args[0]), "this process", "")
+    return error_of_status(failed.args[0])
+
+
+def error_of_status(status: bytes) -> VoxelpipeError:
+    """The error of a google.rpc.Status."""
+    return of_status(status_pb2.Status.FromString(status), "this process", "")

@@ -1,45 +1,102 @@
 """Runs requests in this process, by the package voxelpipe_core where it is installed."""
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Sequence, Union
 
+from .._mesh.forms import MeshFile
+from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..device import DeviceGrid
+from ..errors import VoxelpipeError
 from ..grid import VoxelGrid
+from ..request import Request
 from . import core_module
 from .progress import Progress, Reporter
 from .reader import ResultReader
 from .session import Job, named
 
-_DEFAULT_TIMEOUT_S = 600.0
+DEFAULT_TIMEOUT_S = 600.0
+Held = Any  # voxelpipe_core.HeldMesh
+_Answer = tuple[bytes, list[Any], bytes]
 
 
-def run(job: Job, timeout: float | None, progress: Progress) -> VoxelGrid:
-    """Runs a job with a mesh file, if core_module.available(). timeout: seconds; None: 600.
+def run(job: Job, timeout: float | None, progress: Progress, held: Held = None) -> VoxelGrid:
+    """Runs a job with a mesh file, or of a held mesh perhaps with new positions, if core_module.available().
 
-    Errors: those of voxelize().
+    timeout: seconds; None: 600. Errors: those of voxelize().
     """
-    return _reader(job).taken_over(*_run(job, timeout, progress, False))
+    return _reader(job.request).taken_over(*_run(job, timeout, progress, False, held))
 
 
 def run_on_device(job: Job, timeout: float | None, progress: Progress) -> DeviceGrid:
     """The same, whose arrays stay on the GPU. Errors: also NotAvailable if they cannot."""
-    return _reader(job).taken_on_device(*_run(job, timeout, progress, True))
+    return _reader(job.request).taken_on_device(*_run(job, timeout, progress, True, None))
 
 
-def _reader(job: Job) -> ResultReader:
-    return ResultReader(job.request, max_result_bytes=1 << 63, request_id="", report=None)
+def run_all(
+    request: Request, meshes: Sequence[Union[MeshFile, Held]], timeout: float | None
+) -> list[VoxelGrid | VoxelpipeError]:
+    """The same request of many files or held meshes, in batches of the core. Out: a result or an error each."""
+    listed = [
+        (mesh.data, mesh.format, mesh.unit_code) if isinstance(mesh, MeshFile) else (mesh, 0, 0) for mesh in meshes
+    ]
+    answers = core_module.running().run_all(request.encoded, listed, _seconds(timeout))
+    results: list[VoxelGrid | VoxelpipeError] = []
+    for mesh, answer in zip(meshes, answers):
+        if isinstance(answer, bytes):
+            error = core_module.error_of_status(answer)
+            results.append(named(error, mesh) if isinstance(mesh, MeshFile) else error)
+        else:
+            results.append(_reader(request).taken_over(*answer))
+    return results
 
 
-def _run(job: Job, timeout: float | None, progress: Progress, on_device: bool) -> tuple[bytes, list[Any], bytes]:
-    core = core_module.core
+def load(file: MeshFile, mesh_id: str, timeout: float | None, progress: Progress) -> Held:
+    """Loads a mesh that stays in memory. Errors: those of voxelize()."""
+    core = core_module.running()
     reporter = Reporter(progress)
     try:
-        answer: tuple[bytes, list[Any], bytes] = core.run(
-            job.config().SerializeToString(),
-            job.data,
-            _DEFAULT_TIMEOUT_S if timeout is None else timeout,
-            None if progress is None else lambda stage, fraction: reporter(stage, fraction, 0),
-            on_device,
+        return core.load(file.data, file.format, file.unit_code, mesh_id, _seconds(timeout), _told(progress, reporter))
+    except core.Failed as failed:
+        raise named(core_module.error_of(failed), file) from None
+    finally:
+        reporter.close()
+
+
+def estimate(
+    request: Request, file: MeshFile | None, held: Held, timeout: float | None
+) -> service.EstimateVoxelizationResponse:
+    """The plan of a request. Errors: those of voxelize()."""
+    core = core_module.running()
+    config = Job(request, file).config().SerializeToString() if file is not None else request.encoded
+    try:
+        answer = core.estimate(config, held if file is None else file.data, _seconds(timeout))
+    except core.Failed as failed:
+        raise named(core_module.error_of(failed), file) from None
+    response: service.EstimateVoxelizationResponse = service.EstimateVoxelizationResponse.FromString(answer)
+    return response
+
+
+def _seconds(timeout: float | None) -> float:
+    return DEFAULT_TIMEOUT_S if timeout is None else timeout
+
+
+def _told(progress: Progress, reporter: Reporter) -> Any:
+    return None if progress is None else lambda stage, fraction: reporter(stage, fraction, 0)
+
+
+def _reader(request: Request) -> ResultReader:
+    return ResultReader(request, max_result_bytes=1 << 63, request_id="", report=None)
+
+
+def _run(job: Job, timeout: float | None, progress: Progress, on_device: bool, held: Held) -> _Answer:
+    core = core_module.running()
+    reporter = Reporter(progress)
+    config = job.config().SerializeToString() if held is None else job.request.encoded
+    positions = None if held is None or job.file is None else job.file.data
+    mesh = job.data if held is None else held
+    try:
+        answer: _Answer = core.run(
+            config, mesh, _seconds(timeout), _told(progress, reporter), on_device, positions
         )
     except core.Failed as failed:
         raise named(core_module.error_of(failed), job.file) from None

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _ROOM_BYTES = 1 << 16  # of a message, besides its mesh
 _MESSAGE_JOBS = 256
+_LATE = "not done within the timeout, counted from when the mesh was sent"
 _WATCH_S = 0.1  # between two looks for late jobs
 
 
@@ -127,8 +128,6 @@ class Many:
         keep: bool,
         timeout: float | None,
     ) -> None:
-        if in_flight < 1:
-            raise ValueError(f"in_flight: {in_flight} is below 1")
         self._client = client
         self._connection = connection
         self._request = request
@@ -160,6 +159,7 @@ class Many:
                         more = False
                         break
                     self._send(sent, mesh)
+                    more = self._keep or not isinstance(self._done.get(sent), VoxelpipeError)
                     sent += 1
                 while given in self._done:
                     result = self._done.pop(given)
@@ -233,10 +233,12 @@ class Many:
             now = self._clock.now()
             for number in [number for number, job in self._waiting.items() if job.late_at <= now]:
                 self._waiting.pop(number)
-                text = "not done within the timeout, counted from when the mesh was sent"
-                self._done[number] = DeadlineExceeded(text, request_id=self._request_id)
+                self._done[number] = DeadlineExceeded(_LATE, request_id=self._request_id)
             for number in sorted(self._waiting):
-                self._alone(number)
+                result = self._alone(number)
+                if isinstance(result, VoxelpipeError) and not self._keep:
+                    self._done.update((other, result) for other in self._waiting)
+                    self._waiting.clear()
             return
         finally:
             self._clock.stop()
@@ -281,12 +283,18 @@ class Many:
                 self._refused.add(number)
         self._waiting.pop(number, None)
 
-    def _alone(self, number: int) -> None:
+    def _alone(self, number: int) -> VoxelGrid | VoxelpipeError:
+        """Makes a job as a single call, in the time that it has left."""
         waiting = self._waiting.pop(number)
+        left = waiting.late_at - self._clock.now()
         try:
-            self._done[number] = self._client.run(waiting.job, waiting.file, timeout=self._timeout)
+            if left <= 0:
+                raise DeadlineExceeded(_LATE, request_id=self._request_id)
+            timeout = self._timeout if math.isinf(left) else left
+            self._done[number] = self._client.run(waiting.job, waiting.file, timeout=timeout)
         except VoxelpipeError as error:
             self._done[number] = error
+        return self._done[number]
 
 
 def unreadable(error: OSError) -> InvalidMesh:

@@ -7,6 +7,7 @@ from typing import Any, Callable, Union
 from .printable import printable
 
 # callable(stage, fraction of the stage, bytes of the result so far); True: a bar of tqdm, if it is installed.
+WAITING = "waiting for the server"  # a stage
 Progress = Union[Callable[[str, float, int], None], bool, None]
 
 

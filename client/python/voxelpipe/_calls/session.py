@@ -73,7 +73,7 @@ class Options:
             ("grpc.http2.max_frame_size", 16777215),  # a quarter faster on gigabytes
             ("grpc.use_local_subchannel_pool", 1),
             ("grpc.initial_reconnect_backoff_ms", 100),  # within it calls fail without an attempt to connect
-            ("grpc.max_reconnect_backoff_ms", 1000),
+            ("grpc.max_reconnect_backoff_ms", 250),
             ("grpc.keepalive_time_ms", 10000),
             ("grpc.keepalive_timeout_ms", 15000),
             ("grpc.http2.max_pings_without_data", 0),

@@ -61,11 +61,12 @@ def of_call(
     return _made(code, message, status, pushback, target, request_id)
 
 
-def of_cancelled(target: str, request_id: str) -> errors.Unavailable:
-    """The error of a call that ended as CANCELLED without the caller's doing: gRPC's servers end calls that arrive as
-    they shut down in this way.
+def of_cancelled(message: str, target: str, request_id: str) -> errors.Unavailable:
+    """The error of a call that ended as CANCELLED although its caller has not cancelled it: a gRPC server that shuts
+    down ends new calls so.
     """
-    return errors.Unavailable(f"{target}: the server has cancelled the call", request_id=request_id)
+    why = "" if message in ("", "CANCELLED") else f": {message}"
+    return errors.Unavailable(f"{target}: the server has cancelled the call{why}", request_id=request_id)
 
 
 def of_status(status: Any, target: str, request_id: str) -> errors.VoxelpipeError:

@@ -71,7 +71,7 @@ def _save_by_core(grid: "VoxelGrid", path: pathlib.Path, kind: str) -> None:
         lost = core.not_kept(*described, name)
         if lost:  # before the file is there: the caller may have made an error of it
             warnings.warn(printable(str(MeshWarning("not_kept", kind, lost))), stacklevel=4)
-        core.write(*described, grid._streamed(), name)
+        core_module.running().write(*described, grid._streamed(), name)
     except core.Failed as failed:
         raise core_module.error_of(failed) from None
 

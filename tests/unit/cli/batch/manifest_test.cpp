@@ -128,6 +128,8 @@ TEST_F(ManifestTest, ErrorsNameTheLine) {
   EXPECT_THAT(Error(R"({"input":5})"), HasSubstr("'input': a text"));
   EXPECT_THAT(Error(R"({"input":""})"), HasSubstr("must not be empty"));
   EXPECT_THAT(Error(R"({"input":"a","fil":"parity"})"), HasSubstr("unknown key 'fil'"));
+  EXPECT_THAT(Error(R"({"input":"a","target":"bit","targets":["u8"]})"), HasSubstr("'target' is given twice"));
+  EXPECT_THAT(Error(R"({"input":"a","voxel-size":1,"voxel_size":2})"), HasSubstr("'voxel_size' is given twice"));
   EXPECT_THAT(Error(R"({"input":"a","fill":"maybe"})"), HasSubstr("1: fill: unknown choice"));
   EXPECT_THAT(Error(R"({"input":"a","resolution":1.5})"), HasSubstr("whole number"));
   EXPECT_THAT(Error(R"({"input":"a","resolution":0})"), HasSubstr("1: resolution: at least"));

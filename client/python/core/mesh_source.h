@@ -1,0 +1,90 @@
+// The meshes that requests of this process use: files, or meshes that stay loaded.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <shared_mutex>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "base/job_context.h"
+#include "load/load_mesh.h"
+#include "mesh/report.h"
+#include "mesh/triangle_mesh.h"
+#include "voxelpipe/v1/voxelization_service.pb.h"
+#include "wire/request.h"
+
+namespace voxelpipe {
+
+// A mesh that stays loaded, for many requests at the same time. Thread-safe.
+class HeldMesh {
+ public:
+  // In: the bytes of a mesh file, which are not needed later, and the id of their content. Errors: those of
+  // LoadMeshFor, as INVALID_ARGUMENT of a mesh.
+  static absl::StatusOr<std::shared_ptr<HeldMesh>> Load(std::span<const uint8_t> file, MeshFileType type,
+                                                        std::string id, const JobContext& job);
+
+  // As a server describes it.
+  v1::StoredMesh Describe() const;
+
+ private:
+  friend class UsedMesh;
+  HeldMesh() = default;
+  absl::Status Decode(const TextureUse& textures, const JobContext& job);
+
+  std::string id_;
+  MeshFileType type_;
+  uint64_t file_bytes_ = 0;
+  MeshReport report_;
+  WarningList warnings_;
+  std::mutex decoding_;  // of one thread at a time, so that those that wait for it look again
+  // Runs share the mesh; who decodes more of its textures has it alone.
+  mutable std::shared_mutex mutex_;
+  TriangleMesh mesh_;
+  TextureUse decoded_;
+};
+
+// Where a request has its mesh from: the bytes of a file, or a held mesh, perhaps with new positions: x, y, z as float
+// of each vertex, bytes.
+struct MeshSource {
+  std::span<const uint8_t> file;
+  MeshFileType type;               // of the file
+  std::shared_ptr<HeldMesh> held;  // null: the file
+  std::optional<std::span<const uint8_t>> positions;
+};
+
+// The mesh of one request, with the textures that its shaders read. A held mesh stays as it is meanwhile.
+class UsedMesh {
+ public:
+  // Errors: those of LoadMeshFor and PrepareTexturesFor, as of a mesh; INVALID_ARGUMENT for positions that do not fit.
+  static absl::StatusOr<std::unique_ptr<UsedMesh>> Open(const MeshSource& source, const ParsedConfig& config,
+                                                        const JobContext& job);
+
+  const TriangleMesh& mesh() const { return *mesh_; }
+  const MeshReport& report() const { return report_; }
+  bool examined() const { return examined_; }  // degenerate triangles and open edges were counted
+  const std::vector<std::pair<std::string, double>>& stages() const { return stages_; }
+  uint64_t peak_bytes() const { return peak_bytes_; }
+
+ private:
+  UsedMesh() = default;
+  absl::Status Hold(const MeshSource& source, const TextureUse& textures, const JobContext& job);
+  absl::Status Move(std::span<const uint8_t> positions);
+
+  std::shared_ptr<HeldMesh> held_;
+  std::shared_lock<std::shared_mutex> lock_;  // of the held mesh
+  std::optional<LoadedMesh> loaded_;
+  std::optional<TriangleMesh> moved_;
+  const TriangleMesh* mesh_ = nullptr;  // one of those
+  MeshReport report_;
+  bool examined_ = false;
+  std::vector<std::pair<std::string, double>> stages_;
+  uint64_t peak_bytes_ = 0;
+};
+
+}  // namespace voxelpipe
