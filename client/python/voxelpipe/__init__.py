@@ -40,6 +40,7 @@ from .local_server import LocalServer, local_server
 from .mesh_handle import MeshHandle
 from .place import GridPlace
 from .report import Estimate, MeshReport, MeshWarning, ServerInfo, ShaderInfo, StoredMesh, Summary
+from .stored import load_result, make_grid
 from .targets import Shader, Target
 
 __version__ = VERSION
@@ -86,7 +87,9 @@ __all__ = [
     "default_client",
     "errors",
     "load_mesh",
+    "load_result",
     "local_server",
+    "make_grid",
     "shutdown",
     "voxelize",
     "voxelize_many",

@@ -144,7 +144,7 @@ class ResultReader:
         if self._summary is None or self._place is None:
             raise _lost("it ended before its summary")
         lists = {name: self._arrays[i].array for i, name in enumerate(_LISTS[self._kind])}
-        _check_lists(self._kind, self._place, lists, self._values)
+        check_lists(self._kind, self._place, lists, self._values)
         return self._grid([destination.array for destination in self._arrays], self._summary)
 
     def _grid(self, arrays: list[Array], summary: service.Summary) -> VoxelGrid:
@@ -352,7 +352,7 @@ def _check_ids(ids: Array, name: str, end: int) -> None:
         raise _lost(f"the array {name} does not ascend below {end}")
 
 
-def _check_lists(kind: str, place: GridPlace, lists: dict[str, Array], values: int) -> None:
+def check_lists(kind: str, place: GridPlace, lists: dict[str, Array], values: int) -> None:
     """The consistency of the lists of sparse and bucketed results."""
     if kind == "sparse":
         bricks = [(axis + 7) // 8 for axis in place.dims]
