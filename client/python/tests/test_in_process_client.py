@@ -81,9 +81,54 @@ def test_a_loaded_mesh_stays_until_it_is_freed(ball: shapes.Triangles, inside: I
     for call in calls:
         with pytest.raises(voxelpipe.MeshNotFound):
             call(handle)
-    again = inside.upload(ball)
+    assert inside.voxelize(InProcessClient().upload(ball), resolution=8).mask.any(), "of the handle's file"
     inside.close()
-    assert inside.voxelize(again, resolution=8).mask.any(), "loaded from the file that the handle keeps"
+    calls = [lambda _: inside.upload(ball), lambda _: next(inside.voxelize_many([ball])), inside.voxelize]
+    for call in calls:
+        with pytest.raises(voxelpipe.errors.Cancelled):
+            call(handle)
+
+
+def test_one_of_several_threads_loads_a_mesh(inside: InProcessClient) -> None:
+    handles: list[voxelpipe.MeshHandle] = []
+    threads = [threading.Thread(target=lambda: handles.append(inside.upload(shapes.heavy()))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(handle.already_stored for handle in handles) == [False, True, True, True]
+
+
+def test_what_came_before_an_exception_is_given(inside: InProcessClient) -> None:
+    def meshes() -> Iterator[Any]:
+        yield shapes.cube()
+        yield shapes.cube()
+        raise LookupError("no more")
+
+    wrong: list[tuple[Any, type[Exception]]] = [
+        (meshes(), LookupError),
+        ([shapes.cube(), shapes.cube(), None, shapes.cube()], TypeError),
+        ([shapes.cube(), shapes.cube(), "none.glb", shapes.cube()], FileNotFoundError),
+    ]
+    for source, kind in wrong:
+        many = inside.voxelize_many(source, resolution=4)
+        assert [next(many).mask.any(), next(many).mask.any()] == [True, True]  # type: ignore[union-attr]
+        with pytest.raises(kind):
+            next(many)
+
+
+def test_results_beyond_the_limit_are_refused(ball: shapes.Triangles) -> None:
+    client = InProcessClient(max_result_bytes=1000)
+    with pytest.raises(voxelpipe.TooLarge):
+        client.voxelize(ball, resolution=64)
+    assert isinstance(next(client.voxelize_many([ball], resolution=64, errors="return")), voxelpipe.TooLarge)
+
+
+def test_the_default_client_is_made_anew_after_its_end(ball: shapes.Triangles) -> None:
+    with voxelpipe.default_client() as client:
+        client.voxelize(ball, resolution=4)
+    assert client.closed and voxelpipe.voxelize(ball, resolution=4).mask.any()
+    assert not voxelpipe.default_client().closed
 
 
 def test_positions_that_do_not_fit_are_refused(ball: shapes.Triangles, inside: InProcessClient) -> None:
@@ -173,9 +218,25 @@ def test_asyncio_without_a_server(ball: shapes.Triangles) -> None:
             assert await client.delete_mesh(handle) > 0
             with pytest.raises(voxelpipe.errors.NotSupported):
                 await client.server_info()
+            with pytest.raises(voxelpipe.InvalidRequest, match="resolution"):
+                [one async for one in client.voxelize_many([ball], resolution=-1, errors="return")]
             told: list[str] = []
             await client.voxelize(ball, resolution=32, progress=lambda stage, *_: told.append(stage))
             assert told
+
+    asyncio.run(run())
+
+
+def test_closing_ends_a_job() -> None:
+    async def run() -> None:
+        client = voxelpipe.AsyncClient()
+        runs = asyncio.ensure_future(client.voxelize(shapes.heavy(), resolution=500, normal="normal:f32"))
+        await asyncio.sleep(0.3)
+        await client.aclose()
+        with pytest.raises(voxelpipe.errors.Cancelled):
+            await runs
+        with pytest.raises(voxelpipe.errors.Cancelled):
+            await client.shaders()
 
     asyncio.run(run())
 

@@ -228,7 +228,7 @@ def test_a_format_that_never_holds_a_place_does_not_fail_a_strict_request(
     assert subprocess.run(command, capture_output=True, text=True).returncode == 0
 
 
-@pytest.mark.parametrize("name", ["dims", "origin", "voxel_size", "index_to_world", "ijk"])
+@pytest.mark.parametrize("name", ["dims", "origin", "voxel_size", "index_to_world", "ijk", "offsets", "triangle"])
 def test_a_target_does_not_replace_another_array_of_an_npz(mesh: pathlib.Path, out: pathlib.Path, name: str) -> None:
     target = voxelpipe.Target(name=name, format="u8")
     with pytest.raises(ValueError, match=f"the target '{name}' has the name of another array"):

@@ -1,8 +1,10 @@
 """Results of arrays and of .npz files."""
 from __future__ import annotations
 
+import contextlib
 import pathlib
 import subprocess
+import tracemalloc
 import zipfile
 from typing import Any
 
@@ -67,13 +69,18 @@ def test_an_npz_of_the_command_line(cli: str, ball: shapes.Triangles, tmp_path: 
     "changes, why",
     [
         ({"dims": None}, "it lacks 'dims'"),
-        ({"target0": None}, "no target"),
+        ({"target0": None}, "it has 0 targets"),
+        ({f"t{i}": numpy.zeros((2, 2, 2), "u1") for i in range(8)}, "it has 9 targets"),
         ({"target0": numpy.zeros((2, 2, 3), "u1")}, "'target0' has the shape"),
         ({"target0": numpy.zeros((2, 2, 2), "f8")}, "'target0' is an array of float64"),
         ({"target0": numpy.zeros((2, 2, 2, 5), "u1")}, "'target0' has the shape"),
         ({"dims": numpy.array([2, 2, 0])}, ""),
         ({"voxel_size": numpy.array([1.0, 0, 1])}, ""),
-        ({"ijk": numpy.array([[0, 0, 2]])}, "names no voxels"),
+        ({"dims": numpy.array([2.0, 2, 2])}, "'dims' is an array of float64"),
+        ({"origin": numpy.zeros(3, "c16")}, "'origin' is an array of complex128"),
+        ({"index_to_world": numpy.eye(4)}, "'index_to_world' is not that"),
+        ({"ijk": numpy.array([[0, 0, 0.5]]), "target0": numpy.zeros(1, "f4")}, "'ijk' is an array of float64"),
+        ({"ijk": numpy.array([[0, 0, 2]]), "target0": numpy.zeros(1, "f4")}, "outside of the grid"),
         ({"ijk": numpy.array([[0, 0, 1], [0, 0, 1]]), "target0": numpy.zeros(2, "f4")}, "names a voxel twice"),
         ({"ijk": numpy.array([[0, 0, 1]]), "target0": numpy.zeros(2, "f4")}, "'target0' has the shape"),
         (
@@ -83,8 +90,10 @@ def test_an_npz_of_the_command_line(cli: str, ball: shapes.Triangles, tmp_path: 
                 "triangle": numpy.array([1]),
                 "target0": numpy.zeros(1, "f4"),
             },
-            "offsets",
+            "its offsets do not ascend",
         ),
+        ({"ijk": numpy.array([[0, 0, 1]]), "offsets": numpy.array([0, 1])}, "it lacks 'triangle'"),
+        ({"target0": numpy.array([None])}, "object"),
     ],
 )
 def test_other_archives_are_refused(tmp_path: pathlib.Path, changes: dict[str, Any], why: str) -> None:
@@ -107,7 +116,10 @@ def test_other_files_are_refused(tmp_path: pathlib.Path) -> None:
     numpy.save(tmp_path / "one.npy", numpy.zeros(3))
     with zipfile.ZipFile(tmp_path / "zip.npz", "w") as archive:
         archive.writestr("dims.npy", b"nothing")
-    for name in ("text.npz", "one.npy", "zip.npz"):
+    with zipfile.ZipFile(tmp_path / "other.npz", "w") as archive:
+        archive.writestr("readme.txt", b"nothing")
+    (tmp_path / "empty.npz").write_bytes(b"")
+    for name in ("text.npz", "one.npy", "zip.npz", "other.npz", "empty.npz"):
         with pytest.raises(ValueError, match=f"{name}: no .npz of a result"):
             voxelpipe.load_result(tmp_path / name)
     with pytest.raises(FileNotFoundError):
@@ -137,6 +149,8 @@ def test_a_grid_of_ones_own_arrays(tmp_path: pathlib.Path) -> None:
     [
         ({}, "there is none"),
         ({"a": numpy.zeros(3)}, "'a' has the shape"),
+        ({"": numpy.zeros((2, 2, 2), "u1")}, "'' is no name of a target"),
+        ({5: numpy.zeros((2, 2, 2), "u1")}, "5 is no name of a target"),
         ({"a": numpy.zeros((1, 1, 1))}, "'a' is an array of float64"),
         ({"a": numpy.zeros((2, 2, 2), "u1"), "b": numpy.zeros((2, 2, 1), "u1")}, "'b' has the shape"),
         ({"a": numpy.zeros((2, 2, 2, 5), "u1")}, "'a' has the shape"),
@@ -150,3 +164,50 @@ def test_arrays_that_are_no_grid_are_named(arrays: dict[str, Any], why: str) -> 
 
 def test_a_u8_array_of_ones_own_stays_u8() -> None:
     assert voxelpipe.make_grid({"a": numpy.ones((2, 2, 2), "u1")}).targets[0].format == "u8"
+
+
+def test_damaged_archives_are_value_errors(client: Client, ball: shapes.Triangles, tmp_path: pathlib.Path) -> None:
+    client.voxelize(ball, resolution=8, result="sparse", v="normal:f32").save(tmp_path / "a.npz")
+    right = (tmp_path / "a.npz").read_bytes()
+    draw = numpy.random.default_rng(7)
+    for _ in range(300):
+        wrong = bytearray(right)
+        for place in draw.integers(0, len(wrong), 4):
+            wrong[place] = int(draw.integers(0, 256))
+        (tmp_path / "b.npz").write_bytes(wrong)
+        with contextlib.suppress(ValueError):
+            voxelpipe.load_result(tmp_path / "b.npz")
+
+
+def test_a_bomb_is_refused_by_its_header(tmp_path: pathlib.Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in {"dims": [2, 2, 2], "origin": [0.0] * 3, "voxel_size": [1.0] * 3}.items():
+            with archive.open(f"{name}.npy", "w") as entry:
+                numpy.save(entry, numpy.array(array))
+        with archive.open("target0.npy", "w") as entry:
+            numpy.save(entry, numpy.zeros((1 << 26), "u1"))
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="'target0' has the shape"):
+        voxelpipe.load_result(tmp_path / "a.npz")
+    assert tracemalloc.get_traced_memory()[1] < 1 << 22
+    tracemalloc.stop()
+
+
+def test_a_layout_that_the_shapes_do_not_tell_is_given(client: Client, tmp_path: pathlib.Path) -> None:
+    place: dict[str, Any] = {"dims": (3, 3, 3), "origin": (0, 0, 0), "voxel_size": 1.0}
+    grid = client.voxelize(shapes.cube(), layout="planar", p="position:f32", **place)
+    grid.save(tmp_path / "a.npz")
+    assert same_values(voxelpipe.load_result(tmp_path / "a.npz", layout="planar"), grid)
+
+
+def test_wrong_arguments_are_named() -> None:
+    array = numpy.zeros((2, 2, 2), "u1")
+    with pytest.raises(TypeError, match="a dict of arrays"):
+        voxelpipe.make_grid(array)  # type: ignore[arg-type]
+    grid = voxelpipe.make_grid({"a": array})
+    with pytest.raises(ValueError, match="leave out voxel_size"):
+        voxelpipe.make_grid({"a": array}, like=grid, voxel_size=2)
+    with pytest.raises(TypeError, match="like: 5"):
+        voxelpipe.make_grid({"a": array}, like=5)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="voxel_size"):
+        voxelpipe.make_grid({"a": array}, voxel_size=(1, 2))

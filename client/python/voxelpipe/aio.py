@@ -35,9 +35,10 @@ from .in_process_client import InProcessClient
 from .mesh_handle import MeshHandle, job_of
 from .options import client_method, make_request
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
-from .request import Call, checked_timeout
+from .request import Call, checked_in_flight, checked_timeout
 
 _QUICK_S = 10.0
+_OF_ONE_CALL = ("new_positions", "timeout", "progress")
 _Result = TypeVar("_Result")
 _Item = TypeVar("_Item")
 
@@ -78,12 +79,15 @@ class AsyncClient:
         self._channel: Any = None
         self._inside: InProcessClient | None = None
         if not self._options.server and core_module.available():
-            self._inside = InProcessClient(timeout=timeout)
+            self._inside = InProcessClient(timeout=timeout, max_result_bytes=max_result_bytes)
+        elif not self._options.server and core_module.is_lost():
+            core_module.needed("AsyncClient without an address")
         else:
             self._options.check()
         self._state = ServerState(getattr(server, "restarts", True))
         self._closing = asyncio.Event()
         self._calls: set[Any] = set()
+        self._jobs: set[threading.Event] = set()  # in this process
 
     @property
     def server(self) -> str:
@@ -95,6 +99,8 @@ class AsyncClient:
         self._closing.set()
         for call in list(self._calls):
             call.cancel()
+        for job in list(self._jobs):
+            job.set()
         if self._channel is not None:
             await self._channel.close()
         self._channel = None
@@ -108,7 +114,7 @@ class AsyncClient:
         await self.aclose()
 
     def __repr__(self) -> str:
-        return f"<voxelpipe.AsyncClient of {self.server}>"
+        return f"<voxelpipe.AsyncClient of {self.server or 'this process'}>"
 
     @client_method
     async def voxelize(self, mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
@@ -116,7 +122,7 @@ class AsyncClient:
         job, kept = await asyncio.to_thread(job_of, mesh, call)
         if self._inside is not None:
             run, timeout = self._inside.run, call.timeout
-            return await _in_thread(call.progress, lambda told: run(job, kept, timeout=timeout, progress=told))
+            return await self._in_thread(call.progress, lambda told: run(job, kept, timeout=timeout, progress=told))
         reporter = Reporter(call.progress)
         deadline = self._deadline(call.timeout)
         with contextlib.closing(reporter), naming(kept or job.file):
@@ -145,8 +151,8 @@ class AsyncClient:
             raise TypeError(f"meshes: {meshes!r} is one mesh; give a list, or call voxelize()")
         if errors not in ("raise", "return"):
             raise ValueError(f"errors: '{errors}' is neither raise nor return")
-        if in_flight < 1:
-            raise ValueError(f"in_flight: {in_flight} is below 1")
+        in_flight = checked_in_flight(in_flight)
+        make_request(**{name: value for name, value in options.items() if name not in _OF_ONE_CALL})
         source = meshes.__aiter__() if isinstance(meshes, AsyncIterable) else _as_async(meshes)
         running: list[asyncio.Task[VoxelGrid]] = []
         try:
@@ -179,7 +185,7 @@ class AsyncClient:
         """Stores a mesh on the server: see Client.upload()."""
         if self._inside is not None:
             load, each = self._inside.upload, timeout
-            return await _in_thread(progress, lambda told: load(mesh, keep=keep, timeout=each, progress=told))
+            return await self._in_thread(progress, lambda told: load(mesh, keep=keep, timeout=each, progress=told))
         file = await asyncio.to_thread(load_mesh, mesh)
         reporter = Reporter(progress)
         with contextlib.closing(reporter), naming(file):
@@ -191,21 +197,24 @@ class AsyncClient:
     async def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
         """The server's description of a kept mesh: see Client.stored_mesh()."""
         if self._inside is not None:
-            return await asyncio.to_thread(self._inside.stored_mesh, mesh)
+            stored = self._inside.stored_mesh
+            return await self._in_thread(None, lambda _: stored(mesh))
         request = service.GetMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
         return StoredMesh.of(parsed(service.GetMeshResponse, await self._quick("GetMesh", request)).mesh)
 
     async def delete_mesh(self, mesh: MeshHandle | str) -> int:
         """Releases this caller's claim on a mesh: see Client.delete_mesh()."""
         if self._inside is not None:
-            return await asyncio.to_thread(self._inside.delete_mesh, mesh)
+            delete = self._inside.delete_mesh
+            return await self._in_thread(None, lambda _: delete(mesh))
         request = service.DeleteMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
         return int(parsed(service.DeleteMeshResponse, await self._quick("DeleteMesh", request)).freed_bytes)
 
     async def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
         """The plan of a request, without running it: see Client.estimate()."""
         if self._inside is not None:
-            return await asyncio.to_thread(self._inside.estimate, mesh, timeout=timeout, **options)
+            plan = self._inside.estimate
+            return await self._in_thread(None, lambda _: plan(mesh, timeout=timeout, **options))
         kept = mesh if isinstance(mesh, MeshHandle) else None
         file = None if kept else await asyncio.to_thread(load_mesh, mesh)
         message = estimate_request(make_request(**options), file, kept.mesh_id if kept else "")
@@ -218,7 +227,8 @@ class AsyncClient:
     async def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""
         if self._inside is not None:
-            return await asyncio.to_thread(self._inside.shaders)
+            listed = self._inside.shaders
+            return await self._in_thread(None, lambda _: listed())
         answer = await self._quick("ListShaders", service.ListShadersRequest())
         return [ShaderInfo.of(shader) for shader in parsed(service.ListShadersResponse, answer).shaders]
 
@@ -228,6 +238,36 @@ class AsyncClient:
             return self._inside.server_info()
         answer = await self._quick("GetServerInfo", service.GetServerInfoRequest())
         return ServerInfo.of(parsed(service.GetServerInfoResponse, answer))
+
+    # ---- in this process ----
+
+    async def _in_thread(self, progress: Progress, work: Callable[[Progress], _Result]) -> _Result:
+        """What work(progress) returns, on another thread. Cancelling the task, or closing the client, ends the job at
+        its next progress. Errors: Cancelled after aclose().
+        """
+        if self._closing.is_set():
+            raise Cancelled("the client is closed")
+        reporter = Reporter(progress)
+        cancelled = threading.Event()
+
+        def told(stage: str, fraction: float, size: int) -> None:
+            if cancelled.is_set():
+                raise Cancelled("the call was cancelled")
+            reporter(stage, fraction, size)
+
+        def run() -> _Result:
+            with contextlib.closing(reporter):
+                return work(told)
+
+        running = asyncio.ensure_future(asyncio.to_thread(run))
+        self._jobs.add(cancelled)
+        running.add_done_callback(lambda _: self._jobs.discard(cancelled))
+        try:
+            return await asyncio.shield(running)
+        except asyncio.CancelledError:
+            cancelled.set()
+            running.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
+            raise
 
     # ---- calls ----
 
@@ -332,29 +372,6 @@ class AsyncClient:
         with self._failures(call, request_id):
             answer = await call
         return uploaded(answer, mesh_id)
-
-
-async def _in_thread(progress: Progress, work: Callable[[Progress], _Result]) -> _Result:
-    """What work(progress) returns, on another thread. Cancelling the task ends the job at its next progress."""
-    reporter = Reporter(progress)
-    cancelled = threading.Event()
-
-    def told(stage: str, fraction: float, size: int) -> None:
-        if cancelled.is_set():
-            raise Cancelled("the call was cancelled")
-        reporter(stage, fraction, size)
-
-    def run() -> _Result:
-        with contextlib.closing(reporter):
-            return work(told)
-
-    running = asyncio.ensure_future(asyncio.to_thread(run))
-    try:
-        return await asyncio.shield(running)
-    except asyncio.CancelledError:
-        cancelled.set()
-        running.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
-        raise
 
 
 async def _as_async(items: Iterable[_Item]) -> AsyncIterator[_Item]:

@@ -14,8 +14,8 @@ from .client import Client
 from .device import DeviceGrid
 from .errors import VoxelpipeError
 from .grid import VoxelGrid
-from .in_process_client import InProcessClient
-from .local_server import LocalServer, local_server
+from .in_process_client import InProcessClient, start_server
+from .local_server import LocalServer
 from .mesh_handle import MeshHandle, job_of
 from .options import make_request, with_options
 from .request import Call, checked_timeout
@@ -42,18 +42,20 @@ def default_client(server: ServerLike = "") -> Client:
     global _server
     with _lock:
         address = address_of(server) or os.environ.get("VOXELPIPE_SERVER", "")
+        for gone in [key for key, client in _clients.items() if client.closed]:
+            del _clients[gone]  # by a caller
         if not address and "" not in _clients and core_module.available():
             _clients[""] = InProcessClient()
         if not address and "" in _clients:
             return _clients[""]
         if not address:
             if _server is not None and not _server.is_running():
-                gone = _clients.pop(_server.server, None)
-                if gone is not None:
-                    gone.close()
+                dead = _clients.pop(_server.server, None)
+                if dead is not None:
+                    dead.close()
                 _server.stop()
                 _server = None
-            _server = _server or local_server()
+            _server = _server or start_server()
             server = _server
             address = server.server
         if address not in _clients:

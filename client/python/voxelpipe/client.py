@@ -33,7 +33,7 @@ from .grid import VoxelGrid
 from .mesh_handle import MeshHandle, job_of
 from .options import client_method, make_request
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
-from .request import Call, Request, checked_timeout
+from .request import Call, Request, checked_in_flight, checked_timeout
 
 _QUICK_S = 10.0
 _MOST_MESSAGE_BYTES = 1 << 30  # protobuf takes less than 2 GiB
@@ -95,6 +95,11 @@ class Client:
     def server(self) -> str:
         """The server's address."""
         return self._connection.options.server
+
+    @property
+    def closed(self) -> bool:
+        """True after close()."""
+        return self._connection.closed
 
     def close(self) -> None:
         """Ends running calls; later ones raise Cancelled."""
@@ -158,8 +163,7 @@ class Client:
             raise TypeError(f"meshes: {meshes!r} is one mesh; give a list, or call voxelize()")
         if errors not in ("raise", "return"):
             raise ValueError(f"errors: '{errors}' is neither raise nor return")
-        if in_flight < 1:
-            raise ValueError(f"in_flight: {in_flight} is below 1")
+        in_flight = checked_in_flight(in_flight)
         timeout = checked_timeout(options.pop("timeout", None))
         request = make_request(**options)
         return self._many(request, in_flight, errors == "return", timeout)(meshes)

@@ -1,7 +1,6 @@
 """A client that needs no server."""
 from __future__ import annotations
 
-import itertools
 import threading
 from typing import Any, Callable, Iterable, Iterator, Sequence
 
@@ -14,14 +13,13 @@ from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from ._proto.voxelpipe.v1 import types_pb2 as types
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .client import Client
-from .errors import MeshNotFound, NotSupported, VoxelpipeError
+from .errors import Cancelled, MeshNotFound, NotSupported, VoxelpipeError
 from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
 from .mesh_handle import MeshHandle
 from .options import make_request
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
 from .request import Request, checked_timeout
-
 
 _SMALL_FILE_BYTES, _SMALL_RESULT_BYTES = 4 << 20, 64 << 20
 
@@ -30,17 +28,26 @@ class InProcessClient(Client):
     """Voxelizes in this process, by the package voxelpipe_core, with the methods of Client. Thread-safe.
 
     default_client() gives one where voxelpipe_core is installed and no server is named. voxelize_many() runs small
-    meshes with small results in batches, others one after the other. upload() loads a mesh that
-    stays in memory until delete_mesh() or close(). A forked child of a process that has run requests takes a server of
-    its own (local_server()), as the core's threads are not in it. Pickles as its timeout.
+    meshes with small results in batches of in_flight, whose timeout is that of the batch, others one after the other.
+    upload() loads a mesh that stays in memory until delete_mesh() or close(); later calls raise Cancelled. A forked
+    child of a process that has run requests or saved files takes a server of its own (local_server()), as the core's
+    threads are not in it. Pickles as its options.
     """
 
-    def __init__(self, *, timeout: float | None = in_process.DEFAULT_TIMEOUT_S) -> None:
-        """timeout: seconds of a call; None: 600. Errors: MissingPackage without voxelpipe_core."""
+    def __init__(
+        self, *, timeout: float | None = in_process.DEFAULT_TIMEOUT_S, max_result_bytes: int = in_process.ANY_BYTES
+    ) -> None:
+        """timeout: seconds of a call; None: 600. max_result_bytes: larger results are refused.
+
+        Errors: MissingPackage without voxelpipe_core.
+        """
         core_module.needed("a client without a server")
         self._timeout = checked_timeout(timeout)
+        self._max_result_bytes = max_result_bytes
         self._lock = threading.Lock()
         self._held: dict[str, in_process.Held] = {}
+        self._loading: dict[str, threading.Lock] = {}
+        self._closed = False
         self._server: LocalServer | None = None
         self._forked: Client | None = None
 
@@ -49,16 +56,22 @@ class InProcessClient(Client):
         """Empty: there is none."""
         return ""
 
+    @property
+    def closed(self) -> bool:
+        """True after close()."""
+        return self._closed
+
     def close(self) -> None:
-        """Frees the meshes."""
+        """Frees the meshes. Running calls go on; later ones raise Cancelled."""
         with self._lock:
+            self._closed = True
             self._held.clear()
             server, self._server, self._forked = self._server, None, None
         if server is not None:
             server.stop()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self._timeout,)
+        return _restored, (self._timeout, self._max_result_bytes)
 
     def __repr__(self) -> str:
         return "<voxelpipe client of this process>"
@@ -67,10 +80,11 @@ class InProcessClient(Client):
         self, job: Job, file: MeshFile | None = None, *, timeout: float | None = None, progress: Progress = None
     ) -> VoxelGrid:
         """Runs a job. In: the file of its kept mesh, loaded if it is not (any more)."""
-        if not core_module.available():
-            return self._served().run(job, file, timeout=timeout, progress=progress)
-        held = self._find(job.mesh_id, file) if job.mesh_id else None
-        return in_process.run(job, self._seconds(timeout), progress, held)
+        forked = self._served()
+        if forked is not None:
+            return forked.run(job, file, timeout=timeout, progress=progress)
+        held = self._find(job.mesh_id, file, timeout, progress) if job.mesh_id else None
+        return in_process.run(job, self._seconds(timeout), progress, held, self._max_result_bytes)
 
     def upload(
         self, mesh: MeshLike, *, keep: bool = True, timeout: float | None = None, progress: Progress = None
@@ -79,45 +93,47 @@ class InProcessClient(Client):
 
         keep: the handle holds the file too, for other processes. Errors: as voxelize().
         """
-        if not core_module.available():
-            return self._served().upload(mesh, keep=keep, timeout=timeout, progress=progress)
+        forked = self._served()
+        if forked is not None:
+            return forked.upload(mesh, keep=keep, timeout=timeout, progress=progress)
         file = load_mesh(mesh)
         mesh_id = file.mesh_id()
-        there = self._held.get(mesh_id)
-        held = there or in_process.load(file, mesh_id, self._seconds(timeout), progress)
-        with self._lock:
-            held = self._held.setdefault(mesh_id, held)
-        return MeshHandle(mesh_id, _described(held), there is not None, file if keep else None)
+        held, there = self._load(mesh_id, file, timeout, progress)
+        return MeshHandle(mesh_id, _described(held), there, file if keep else None)
 
     def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
         """The description of a loaded mesh. In: a handle or an id. Errors: MeshNotFound."""
-        if not core_module.available():
-            return self._served().stored_mesh(mesh)
-        return _described(self._find(mesh if isinstance(mesh, str) else mesh.mesh_id, None))
+        forked = self._served()
+        if forked is not None:
+            return forked.stored_mesh(mesh)
+        return _described(self._find(_id_of(mesh), None, None, None))
 
     def delete_mesh(self, mesh: MeshHandle | str) -> int:
-        """Frees a loaded mesh. Out: its bytes. Errors: MeshNotFound."""
-        if not core_module.available():
-            return self._served().delete_mesh(mesh)
-        mesh_id = mesh if isinstance(mesh, str) else mesh.mesh_id
-        described = _described(self._find(mesh_id, None))
+        """Frees a loaded mesh, when no call uses it any more. Out: its bytes. Errors: MeshNotFound."""
+        forked = self._served()
+        if forked is not None:
+            return forked.delete_mesh(mesh)
         with self._lock:
-            self._held.pop(mesh_id, None)
-        return described.memory_bytes
+            held = self._held.pop(_id_of(mesh), None)
+        if held is None:
+            raise _not_found(_id_of(mesh))
+        return _described(held).memory_bytes
 
     def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
         """The plan of a request - grid, bytes, time class - without running it. options: those of voxelize()."""
-        if not core_module.available():
-            return self._served().estimate(mesh, timeout=timeout, **options)
+        forked = self._served()
+        if forked is not None:
+            return forked.estimate(mesh, timeout=timeout, **options)
         request = make_request(**options)
         file = None if isinstance(mesh, MeshHandle) else load_mesh(mesh)
-        held = self._find(mesh.mesh_id, mesh.file) if isinstance(mesh, MeshHandle) else None
+        held = self._find(mesh.mesh_id, mesh.file, timeout, None) if isinstance(mesh, MeshHandle) else None
         return Estimate.of(in_process.estimate(request, file, held, self._seconds(timeout)))
 
     def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""
-        if not core_module.available():
-            return self._served().shaders()
+        forked = self._served()
+        if forked is not None:
+            return forked.shaders()
         listed = service.ListShadersResponse.FromString(core_module.core.shaders())
         return [ShaderInfo.of(shader) for shader in listed.shaders]
 
@@ -125,85 +141,155 @@ class InProcessClient(Client):
         """Errors: NotSupported, as there is no server."""
         raise NotSupported("server_info: there is no server; requests run in this process")
 
+    # ---- many ----
+
     def _many(
         self, request: Request, in_flight: int, keep: bool, timeout: float | None
     ) -> Callable[[Iterable[Any]], Iterator[VoxelGrid | VoxelpipeError]]:
-        if not core_module.available():
-            return self._served()._many(request, in_flight, keep, timeout)
-
         def results(meshes: Iterable[Any]) -> Iterator[VoxelGrid | VoxelpipeError]:
-            source = iter(meshes)
-            while batch := list(itertools.islice(source, in_flight)):
+            forked = self._served()
+            if forked is not None:
+                yield from forked._many(request, in_flight, keep, timeout)(meshes)
+                return
+            source, more = iter(meshes), True
+            while more:
+                batch: list[Any] = []
+                while more and len(batch) < in_flight:
+                    try:
+                        batch.append(self._opened(next(source), keep, timeout))
+                    except StopIteration:
+                        more = False
+                    except Exception as error:  # of the source, or a mesh that is none: raised after those before it
+                        batch.append(_Raised(error))
+                        more = False
                 yield from self._batch(request, batch, keep, timeout)
 
         return results
 
+    def _opened(self, mesh: Any, keep: bool, timeout: float | None) -> Any:
+        """A file, a held mesh, or the error in the place of the result."""
+        try:
+            is_handle = isinstance(mesh, MeshHandle)
+            return self._find(mesh.mesh_id, mesh.file, timeout, None) if is_handle else load_mesh(mesh)
+        except VoxelpipeError as error:
+            return error
+        except OSError as error:
+            if not keep:
+                raise
+            return unreadable(error)
+
     def _batch(
         self, request: Request, meshes: Sequence[Any], keep: bool, timeout: float | None
     ) -> Iterator[VoxelGrid | VoxelpipeError]:
-        opened: list[Any] = []
-        for mesh in meshes:
-            try:
-                is_handle = isinstance(mesh, MeshHandle)
-                opened.append(self._find(mesh.mesh_id, mesh.file) if is_handle else load_mesh(mesh))
-            except VoxelpipeError as error:
-                opened.append(error)
-            except OSError as error:
-                if not keep:
-                    raise
-                opened.append(unreadable(error))
-        small = {n: mesh for n, mesh in enumerate(opened) if _is_small(request, mesh)}
-        together = dict(zip(small, in_process.run_all(request, [*small.values()], self._seconds(timeout))))
-        for number, mesh in enumerate(opened):
+        small = {number: mesh for number, mesh in enumerate(meshes) if _is_small(request, mesh)}
+        seconds, limit = self._seconds(timeout), self._max_result_bytes
+        together = dict(zip(small, in_process.run_all(request, [*small.values()], seconds, limit)))
+        for number, mesh in enumerate(meshes):
+            if isinstance(mesh, _Raised):
+                raise mesh.error
             if isinstance(mesh, VoxelpipeError):
                 result: VoxelGrid | VoxelpipeError = mesh
             elif number in together:
                 result = together.pop(number)
             else:
-                result = self._alone(request, mesh, timeout)
+                result = self._alone(request, mesh, seconds)
             if isinstance(result, VoxelpipeError) and not keep:
                 raise result
             yield result
 
-    def _alone(self, request: Request, mesh: Any, timeout: float | None) -> VoxelGrid | VoxelpipeError:
+    def _alone(self, request: Request, mesh: Any, seconds: float | None) -> VoxelGrid | VoxelpipeError:
         file = mesh if isinstance(mesh, MeshFile) else None
+        held = None if file else mesh
         try:
-            return in_process.run(Job(request, file), self._seconds(timeout), None, None if file else mesh)
+            return in_process.run(Job(request, file), seconds, None, held, self._max_result_bytes)
         except VoxelpipeError as error:
             return error
+
+    # ---- meshes ----
 
     def _seconds(self, timeout: float | None) -> float | None:
         return self._timeout if timeout is None else checked_timeout(timeout)
 
-    def _find(self, mesh_id: str, file: MeshFile | None) -> in_process.Held:
+    def _find(
+        self, mesh_id: str, file: MeshFile | None, timeout: float | None, progress: Progress
+    ) -> in_process.Held:
         held = self._held.get(mesh_id)
         if held is not None:
             return held
         if file is None:
-            raise MeshNotFound(f"the mesh {mesh_id} is not loaded in this process", mesh_id=mesh_id)
-        held = in_process.load(file, mesh_id, self._timeout, None)
-        with self._lock:
-            return self._held.setdefault(mesh_id, held)
+            raise _not_found(mesh_id)
+        return self._load(mesh_id, file, timeout, progress)[0]
 
-    def _served(self) -> Client:
+    def _load(
+        self, mesh_id: str, file: MeshFile, timeout: float | None, progress: Progress
+    ) -> tuple[in_process.Held, bool]:
+        """The loaded mesh, and True if it was there: of several threads one loads it."""
+        with self._lock:
+            loading = self._loading.setdefault(mesh_id, threading.Lock())
+        with loading:
+            held = self._held.get(mesh_id)
+            if held is not None:
+                return held, True
+            held = in_process.load(file, mesh_id, self._seconds(timeout), progress)
+            with self._lock:
+                self._loading.pop(mesh_id, None)
+                if not self._closed:
+                    self._held[mesh_id] = held
+            return held, False
+
+    def _served(self) -> Client | None:
+        """The client of a server, in a forked child that cannot use the core. Errors: Cancelled after close()."""
+        if self._closed:
+            raise Cancelled("the client is closed")
+        if core_module.available():
+            return None
         with self._lock:
             if self._forked is None:
-                self._server = local_server()
+                self._server = start_server()
                 self._forked = self._server.client(timeout=self._timeout)
             return self._forked
 
 
+class _Raised:
+    """An exception in the place of a mesh."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+
+def start_server() -> LocalServer:
+    """A local server. Errors: those of local_server(); in a forked child MissingPackage, if there is no voxelpiped."""
+    try:
+        return local_server()
+    except FileNotFoundError as error:
+        if not core_module.is_lost():
+            raise
+        try:
+            core_module.needed("this process, in which there is no voxelpiped either,")
+        except VoxelpipeError as lost:
+            raise lost from error
+        raise
+
+
 def _is_small(request: Request, mesh: Any) -> bool:
     """True for jobs that may run together: all of their meshes and results are in memory at the same time."""
-    if isinstance(mesh, VoxelpipeError) or request.config.result == types.RESULT_KIND_BUCKETS:
+    if isinstance(mesh, (VoxelpipeError, _Raised)) or request.config.result == types.RESULT_KIND_BUCKETS:
         return False
     file_bytes = len(mesh.data) if isinstance(mesh, MeshFile) else 0
     return file_bytes <= _SMALL_FILE_BYTES and request.dense_bytes() <= _SMALL_RESULT_BYTES
+
+
+def _id_of(mesh: MeshHandle | str) -> str:
+    return mesh if isinstance(mesh, str) else mesh.mesh_id
+
+
+def _not_found(mesh_id: str) -> MeshNotFound:
+    return MeshNotFound(f"the mesh {mesh_id} is not loaded in this process", mesh_id=mesh_id)
 
 
 def _described(held: in_process.Held) -> StoredMesh:
     return StoredMesh.of(parsed(service.StoredMesh, held.describe()))
 
 
-def _restored(timeout: float | None) -> InProcessClient:
-    return InProcessClient(timeout=timeout)
+def _restored(timeout: float | None, max_result_bytes: int) -> InProcessClient:
+    return InProcessClient(timeout=timeout, max_result_bytes=max_result_bytes)

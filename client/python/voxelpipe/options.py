@@ -22,6 +22,11 @@ def _refuse(names: tuple[str, ...], options: dict[str, Any]) -> None:
             raise UnknownOption(f"{name}: this call has no such option", name)
 
 
+def _refuse_positions(function: Any, given: tuple[Any, ...]) -> None:
+    if given:
+        raise TypeError(f"{function.__name__}() takes the mesh alone by position; options have names, as resolution=8")
+
+
 def _describe(run: Any, function: Any, without: tuple[str, ...]) -> None:
     functools.update_wrapper(run, function)
     own = inspect.signature(function)
@@ -45,6 +50,7 @@ def _function_of(
 ) -> Callable[[Callable[[_Mesh, Call], _Out]], Callable[Concatenate[_Mesh, _Options], _Out]]:
     def decorate(function: Callable[[_Mesh, Call], _Out]) -> Callable[Concatenate[_Mesh, _Options], _Out]:
         def run(mesh: _Mesh, /, *_: _Options.args, **options: _Options.kwargs) -> _Out:
+            _refuse_positions(function, _)
             return function(mesh, make(*_, **options))
 
         _describe(run, function, ())
@@ -59,6 +65,7 @@ def _method_of(
     def decorate(function: Callable[[_Self, _Mesh, Call], _Out]) -> Callable[Concatenate[_Self, _Mesh, _Options], _Out]:
         def run(self: _Self, mesh: _Mesh, /, *_: _Options.args, **options: _Options.kwargs) -> _Out:
             _refuse(("server",), options)
+            _refuse_positions(function, _)
             return function(self, mesh, make(*_, **options))
 
         async def run_async(self: _Self, mesh: _Mesh, /, *_: _Options.args, **options: _Options.kwargs) -> Any:

@@ -24,6 +24,7 @@ ShaderLike = Union[Shader, str]
 
 _DEFAULT_RESOLUTION = 128
 _MAX_TARGETS = 8
+_MOST = 1 << 31
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,9 +61,10 @@ class Request:
         return sum(voxels * sizes[target.format] * (target.components or 4) for target in self.targets)
 
 
-def _per_axis(value: Any, field: str) -> tuple[float, float, float]:
+def per_axis(value: Any, field: str) -> tuple[float, float, float]:
     try:
-        numbers = [float(value)] * 3 if not hasattr(value, "__len__") else [float(number) for number in value]
+        one = not hasattr(value, "__len__") or getattr(value, "ndim", 1) == 0
+        numbers = [float(value)] * 3 if one else [float(number) for number in value]
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
@@ -73,11 +75,19 @@ def _per_axis(value: Any, field: str) -> tuple[float, float, float]:
 def _whole(value: Any, field: str) -> int:
     try:
         whole = int(value)
-        if not isinstance(value, (bool, str)) and whole == value:
+        if not isinstance(value, (bool, str)) and whole == value and abs(whole) < _MOST:
             return whole
     except (TypeError, ValueError, OverflowError):
         pass
-    raise InvalidRequest(f"{field}: {value!r} is no whole number", field=field)
+    raise InvalidRequest(f"{field}: {value!r} is no whole number below 2^31", field=field)
+
+
+def checked_in_flight(value: Any) -> int:
+    """How many meshes are in memory at the same time. Errors: InvalidRequest if it is no whole number above 0."""
+    whole = _whole(value, "in_flight")
+    if whole < 1:
+        raise InvalidRequest(f"in_flight: {value!r} is below 1", field="in_flight")
+    return whole
 
 
 def checked_timeout(value: Any) -> float | None:
@@ -131,7 +141,7 @@ def _grid(
     grid = types.GridRequest(padding=_whole(padding, "padding"))
     grid.fit = _choice(types.GridFit, "GRID_FIT", fit, names.Fit, "fit")
     if dims is not None:
-        if not hasattr(dims, "__len__") or len(dims) != 3:
+        if not hasattr(dims, "__getitem__") or len(dims) != 3:
             raise InvalidRequest(f"dims: {dims!r} are not three numbers: x, y, z", field="dims")
         sizes = [_whole(axis, "dims") for axis in dims]
         if min(sizes) < 1:
@@ -142,12 +152,12 @@ def _grid(
         if grid.resolution < 1:
             raise InvalidRequest(f"resolution: {grid.resolution} is below 1", field="resolution")
     if voxel_size is not None:
-        x, y, z = _per_axis(voxel_size, "voxel_size")
+        x, y, z = per_axis(voxel_size, "voxel_size")
         if min(x, y, z) <= 0:
             raise InvalidRequest(f"voxel_size: {voxel_size!r} is not above 0", field="voxel_size")
         grid.voxel_size.CopyFrom(types.Vec3(x=x, y=y, z=z))
     if origin is not None:
-        x, y, z = _per_axis(origin, "origin")
+        x, y, z = per_axis(origin, "origin")
         grid.origin.CopyFrom(types.Vec3(x=x, y=y, z=z))
     return grid
 
@@ -266,6 +276,9 @@ def call_options(
     for name, target in named.items():
         if not isinstance(target, (str, Target)):
             raise UnknownOption(f"{name}: is no option; as the name of a target it takes a Target or a text", name)
+    for name, switch in (("packed_bits", packed_bits), ("content_hash", content_hash), ("strict", strict)):
+        if not isinstance(switch, bool):
+            raise InvalidRequest(f"{name}: {switch!r} is neither True nor False", field=name)
     default_shader = _shader(shader, "shader")
     listed = _targets(targets, named, default_shader, result)
     config = service.VoxelizeConfig(

@@ -59,6 +59,11 @@ class Connection:
         for channel in channels:
             channel.close()
 
+    @property
+    def closed(self) -> bool:
+        """True after close()."""
+        return self._closed
+
     def opened(self) -> bool:
         """True if it has made calls."""
         return bool(self._channels)

@@ -42,6 +42,11 @@ def available() -> bool:
     return core is not None
 
 
+def is_lost() -> bool:
+    """True in a child process of one that has used voxelpipe_core, where it cannot be used."""
+    return _forked_after_use
+
+
 def running() -> Any:
     """The module, for work on threads of its own, if available(): a child process forked later cannot use it."""
     global _used

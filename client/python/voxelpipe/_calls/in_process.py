@@ -15,16 +15,19 @@ from .reader import ResultReader
 from .session import Job, named
 
 DEFAULT_TIMEOUT_S = 600.0
+ANY_BYTES = 1 << 63
 Held = Any  # voxelpipe_core.HeldMesh
 _Answer = tuple[bytes, list[Any], bytes]
 
 
-def run(job: Job, timeout: float | None, progress: Progress, held: Held = None) -> VoxelGrid:
+def run(
+    job: Job, timeout: float | None, progress: Progress, held: Held = None, max_result_bytes: int = ANY_BYTES
+) -> VoxelGrid:
     """Runs a job with a mesh file, or of a held mesh perhaps with new positions, if core_module.available().
 
     timeout: seconds; None: 600. Errors: those of voxelize().
     """
-    return _reader(job.request).taken_over(*_run(job, timeout, progress, False, held))
+    return _reader(job.request, max_result_bytes).taken_over(*_run(job, timeout, progress, False, held))
 
 
 def run_on_device(job: Job, timeout: float | None, progress: Progress) -> DeviceGrid:
@@ -33,7 +36,10 @@ def run_on_device(job: Job, timeout: float | None, progress: Progress) -> Device
 
 
 def run_all(
-    request: Request, meshes: Sequence[Union[MeshFile, Held]], timeout: float | None
+    request: Request,
+    meshes: Sequence[Union[MeshFile, Held]],
+    timeout: float | None,
+    max_result_bytes: int = ANY_BYTES,
 ) -> list[VoxelGrid | VoxelpipeError]:
     """The same request of many files or held meshes, in batches of the core. Out: a result or an error each."""
     listed = [
@@ -46,7 +52,10 @@ def run_all(
             error = core_module.error_of_status(answer)
             results.append(named(error, mesh) if isinstance(mesh, MeshFile) else error)
         else:
-            results.append(_reader(request).taken_over(*answer))
+            try:
+                results.append(_reader(request, max_result_bytes).taken_over(*answer))
+            except VoxelpipeError as error:
+                results.append(error)
     return results
 
 
@@ -84,8 +93,8 @@ def _told(progress: Progress, reporter: Reporter) -> Any:
     return None if progress is None else lambda stage, fraction: reporter(stage, fraction, 0)
 
 
-def _reader(request: Request) -> ResultReader:
-    return ResultReader(request, max_result_bytes=1 << 63, request_id="", report=None)
+def _reader(request: Request, max_result_bytes: int = ANY_BYTES) -> ResultReader:
+    return ResultReader(request, max_result_bytes, request_id="", report=None)
 
 
 def _run(job: Job, timeout: float | None, progress: Progress, on_device: bool, held: Held) -> _Answer:

@@ -131,7 +131,10 @@ def positions_file(positions: Any) -> MeshFile:
     array = as_numpy(positions)
     if array.ndim != 2 or array.shape[1] != 3:
         raise InvalidRequest(f"new_positions: the shape is {array.shape}, expected (n, 3)", field="new_positions")
-    floats = numpy.ascontiguousarray(array, "<f4")
+    if array.dtype.kind not in "fiu" or isinstance(positions, numpy.ma.MaskedArray):
+        raise InvalidRequest(f"new_positions: an array of {array.dtype}, expected numbers", field="new_positions")
+    with numpy.errstate(over="ignore"):  # what is beyond float32 is refused as not finite
+        floats = numpy.ascontiguousarray(array, "<f4")
     return MeshFile(floats.reshape(-1).view(numpy.uint8).data)
 
 

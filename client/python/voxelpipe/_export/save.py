@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 # Written here, with or without voxelpipe_core, so that a file is the same on every machine; an .npz has the targets by
 # the names that the caller gave them, which the core does not know.
 _OWN = (".npy", ".npz", ".raw", ".png")
+_LISTS = ("ijk", "offsets", "triangle")  # of an .npz of any kind
 _ORDER = "x fastest: voxel (i, j, k) is n = i + nx*(j + ny*k); bit n is (byte[n/8] >> (n%8)) & 1; little endian"
 
 
@@ -87,6 +88,9 @@ def _write(path: pathlib.Path, fill: Any) -> None:
         with open(part, "wb") as file:
             fill(file)
         os.replace(part, path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise type(error)(error.errno, error.strerror, str(path)) from None  # not the name of its part
     except BaseException:
         part.unlink(missing_ok=True)
         raise
@@ -131,7 +135,7 @@ def _arrays(grid: "VoxelGrid") -> dict[str, Any]:
         "index_to_world": grid.index_to_world,
     }
     for target in grid.targets:
-        if target.name in arrays or target.name in place:
+        if target.name in place or target.name in _LISTS:
             raise ValueError(f"the target '{target.name}' has the name of another array of an .npz; rename it")
     return arrays | {target.name: _as_written(grid[target.name]) for target in grid.targets} | place
 
