@@ -55,6 +55,15 @@ def test_one_mesh_is_no_list_of_meshes(client: Client, one: Any) -> None:
         client.voxelize_many(one)
 
 
+def test_many_takes_every_form_of_a_mesh(client: Client, tmp_path: pathlib.Path) -> None:
+    file = voxelpipe.load_mesh(shapes.cube())
+    (tmp_path / "cube.glb").write_bytes(bytes(file.data))
+    kept, arrays = client.upload(file), voxelpipe.Mesh(*shapes.cube())
+    meshes = [shapes.cube(), file, bytes(file.data), tmp_path / "cube.glb", kept, arrays]
+    many = list(client.voxelize_many(meshes, resolution=8))
+    assert many == [client.voxelize(mesh, resolution=8) for mesh in meshes] and many == [many[0]] * len(meshes)
+
+
 def test_no_server_is_an_error_that_names_it(closed_port: str) -> None:
     begin = time.monotonic()
     with pytest.raises(voxelpipe.Unavailable, match=f"{closed_port}: ") as caught:

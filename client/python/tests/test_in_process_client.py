@@ -160,6 +160,13 @@ def test_many_meshes_keep_their_order_and_their_errors(inside: InProcessClient, 
     assert isinstance(next(late), voxelpipe.DeadlineExceeded)
 
 
+def test_many_takes_every_form_of_a_mesh(inside: InProcessClient, tmp_path: pathlib.Path) -> None:
+    file = voxelpipe.load_mesh(shapes.cube())
+    (tmp_path / "cube.glb").write_bytes(bytes(file.data))
+    meshes = [shapes.cube(), file, bytes(file.data), tmp_path / "cube.glb", inside.upload(file)]
+    assert list(inside.voxelize_many(meshes, resolution=8)) == [inside.voxelize(file, resolution=8)] * len(meshes)
+
+
 def test_threads_share_a_loaded_mesh(ball: shapes.Triangles, inside: InProcessClient) -> None:
     handle = inside.upload(ball)
     wrong: list[int] = []

@@ -11,6 +11,7 @@ from .._mesh.forms import MeshFile, load_mesh
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..errors import DataLoss, DeadlineExceeded, InvalidMesh, MeshNotFound, VoxelpipeError
 from ..grid import VoxelGrid
+from ..mesh_handle import MeshHandle
 from ..request import Request
 from .connection import Connection
 from .crc32c import crc32c
@@ -202,7 +203,7 @@ class Many:
         self._requests.put(message.SerializeToString())
 
     def _job(self, mesh: Any) -> tuple[Job, MeshFile | None]:
-        if hasattr(mesh, "mesh_id"):
+        if isinstance(mesh, MeshHandle):
             return Job(self._request, None, mesh.mesh_id), mesh.file
         return Job(self._request, load_mesh(mesh)), None
 
