@@ -306,7 +306,8 @@ TEST_F(RightsTest, AnEqualRequestGetsTheBestPlaceOfAllThatWait) {
   const auto result = joined.get();
   ASSERT_TRUE(result.ok()) << result.status();
   EXPECT_TRUE(result->cached) << "made for the other one";
-  EXPECT_LE(ended_before, 1) << "not behind the jobs of the one who asked first";
+  // Another one may end while the thread that waits wakes up.
+  EXPECT_LE(ended_before, 2) << "not behind the jobs of the one who asked first";
   EXPECT_TRUE(same.get().ok());
   for (auto& other : others) EXPECT_TRUE(other.get().ok());
 }
