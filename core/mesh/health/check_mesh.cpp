@@ -121,21 +121,26 @@ bool StayInParts(const TriangleMesh& mesh) {
 
 absl::Status CheckArrays(const TriangleMesh& mesh) {
   const uint64_t vertices = mesh.positions.size();
-  if (vertices > UINT32_MAX) return Broken("more vertices than indices can name");
+  if (vertices > UINT32_MAX) return Broken("it has more vertices than 32-bit indices can name");
   if (!NoneOr(mesh.normals, vertices) || !NoneOr(mesh.tangents, vertices) || !NoneOr(mesh.colors, vertices) ||
       !NoneOr(mesh.uv[0], vertices) || !NoneOr(mesh.uv[1], vertices)) {
-    return Broken("an array of another length than the positions");
+    return Broken("normals, tangents, uv or colors: neither empty nor as long as positions");
   }
   bool runs = false;
   for (const VertexAttribute& attribute : mesh.attributes) {
-    if (!IsOwnAttribute(attribute, vertices)) return Broken("an own attribute of other vertices");
+    if (!IsOwnAttribute(attribute, vertices))
+      return Broken("attributes: the values of one are not those of its vertices");
     runs = runs || !attribute.runs.empty();
   }
-  if (!IndicesBelow(mesh.triangles, vertices)) return Broken("an index beyond the vertices");
-  if (!Finite(mesh.positions)) return Broken("a position that is not finite");
-  if (mesh.unused_vertices && !AreUnused(*mesh.unused_vertices, vertices)) return Broken("unused vertices");
-  if (!Covers(mesh)) return Broken("parts that are not the whole");
-  if (runs && !StayInParts(mesh)) return Broken("a triangle of several parts");
+  if (!IndicesBelow(mesh.triangles, vertices)) return Broken("triangles: an index is not below positions.size()");
+  if (!Finite(mesh.positions)) return Broken("positions: one is not finite");
+  if (mesh.unused_vertices && !AreUnused(*mesh.unused_vertices, vertices))
+    return Broken("unused_vertices: they are not ids of vertices in ascending order");
+  if (!Covers(mesh))
+    return Broken(
+        "parts: they do not cover all triangles and vertices in order, once each, with materials and arrays that "
+        "exist");
+  if (runs && !StayInParts(mesh)) return Broken("parts: a triangle has vertices of several");
   return absl::OkStatus();
 }
 
@@ -208,28 +213,30 @@ bool IsOrder(const Rig& rig) {
 }
 
 absl::Status CheckRig(const Rig& rig, const TriangleMesh& mesh) {
-  if (!IsOrder(rig)) return Broken("nodes out of order");
+  if (!IsOrder(rig)) return Broken("rig: order does not have each node once, after its parent");
   for (const Skin& skin : rig.skins) {
-    if (skin.joints.size() != skin.inverse_bind_matrices.size()) return Broken("a skin");
+    if (skin.joints.size() != skin.inverse_bind_matrices.size())
+      return Broken("rig: a skin has not one inverse bind matrix for each joint");
     for (const uint32_t joint : skin.joints) {
-      if (joint >= rig.nodes.size()) return Broken("a joint that is no node");
+      if (joint >= rig.nodes.size()) return Broken("rig: a joint is no node");
     }
   }
   for (const Animation& animation : rig.animations) {
-    if (!IsAnimation(animation, rig.nodes.size())) return Broken("an animation");
+    if (!IsAnimation(animation, rig.nodes.size())) return Broken("rig: an animation has a wrong sampler or channel");
   }
-  if (rig.parts.size() != mesh.parts.size()) return Broken("a rig of other parts");
+  if (rig.parts.size() != mesh.parts.size()) return Broken("rig: it has not as many parts as the mesh");
   const Primitive* last = nullptr;
   uint64_t last_vertices = 0;
   for (size_t i = 0; i < rig.parts.size(); ++i) {
     const RigPart& part = rig.parts[i];
     if (part.primitive == nullptr || part.node >= rig.nodes.size() || !IsRef(part.skin, rig.skins.size())) {
-      return Broken("a part of a rig");
+      return Broken("rig: a part has no primitive, or a node or skin that does not exist");
     }
-    if (part.skin >= 0 && rig.skins[size_t(part.skin)].joints.empty()) return Broken("a skin without joints");
+    if (part.skin >= 0 && rig.skins[size_t(part.skin)].joints.empty()) return Broken("rig: a skin has no joints");
     const uint64_t vertices = mesh.parts[i].vertex_count;
     if (part.primitive.get() == last && vertices == last_vertices) continue;  // instances follow one another
-    if (!IsPrimitive(*part.primitive, vertices)) return Broken("a primitive of a rig");
+    if (!IsPrimitive(*part.primitive, vertices))
+      return Broken("rig: a primitive has another number of vertices than its part");
     last = part.primitive.get();
     last_vertices = vertices;
   }
@@ -241,14 +248,14 @@ absl::Status CheckRig(const Rig& rig, const TriangleMesh& mesh) {
 absl::Status CheckTextures(const TriangleMesh& mesh) {
   for (const Material& material : mesh.materials) {
     for (const TextureRef* ref : {&material.base_color, &material.emissive, &material.metallic_roughness}) {
-      if (!IsRef(ref->texture, mesh.textures.size())) return Broken("a texture that is not there");
+      if (!IsRef(ref->texture, mesh.textures.size())) return Broken("materials: a texture does not exist");
     }
   }
   for (const Texture& texture : mesh.textures) {
-    if (!IsRef(texture.image, mesh.images.size())) return Broken("an image that is not there");
+    if (!IsRef(texture.image, mesh.images.size())) return Broken("textures: an image does not exist");
   }
   for (const auto& image : mesh.images) {
-    if (image != nullptr && !IsImage(*image)) return Broken("an image of another size than it says");
+    if (image != nullptr && !IsImage(*image)) return Broken("images: one has not as many texels as its size says");
   }
   return absl::OkStatus();
 }
