@@ -50,6 +50,16 @@ absl::Status HeldMesh::Decode(const TextureUse& textures, const JobContext& job)
   return absl::OkStatus();
 }
 
+absl::StatusOr<MeshReport> HeldMesh::Examined(const JobContext& job) {
+  const std::lock_guard examining(examining_);
+  if (!examined_) {
+    const absl::StatusOr<MeshReport> report = ReportMesh(job, mesh_);
+    if (!report.ok()) return report;
+    examined_ = *report;
+  }
+  return *examined_;
+}
+
 v1::StoredMesh HeldMesh::Describe() const {
   v1::StoredMesh message;
   message.set_mesh_id(id_);
@@ -80,11 +90,15 @@ absl::StatusOr<std::unique_ptr<UsedMesh>> UsedMesh::Open(const MeshSource& sourc
     used->peak_bytes_ = used->loaded_->peak_bytes;
   }
   used->examined_ = request.fill != Fill::kNone;
-  const absl::StatusOr<MeshReport> report =
-      used->examined_ ? ReportMesh(job, used->mesh()) : BoxReport(job, used->mesh());
+  const absl::StatusOr<MeshReport> report = used->Report(job);
   if (!report.ok()) return report.status();
   used->report_ = *report;
   return used;
+}
+
+absl::StatusOr<MeshReport> UsedMesh::Report(const JobContext& job) const {
+  if (held_ != nullptr && !moved_) return examined_ ? held_->Examined(job) : held_->report_;
+  return examined_ ? ReportMesh(job, *mesh_) : BoxReport(job, *mesh_);
 }
 
 absl::Status UsedMesh::Hold(const MeshSource& source, const TextureUse& textures, const JobContext& job) {

@@ -36,13 +36,17 @@ class HeldMesh {
   friend class UsedMesh;
   HeldMesh() = default;
   absl::Status Decode(const TextureUse& textures, const JobContext& job);
+  // The report that a request with a fill gets; its edges are counted once. The caller holds mutex_.
+  absl::StatusOr<MeshReport> Examined(const JobContext& job);
 
   std::string id_;
   MeshFileType type_;
   uint64_t file_bytes_ = 0;
   MeshReport report_;
   WarningList warnings_;
-  std::mutex decoding_;  // of one thread at a time, so that those that wait for it look again
+  std::mutex examining_;
+  std::optional<MeshReport> examined_;  // guarded by examining_
+  std::mutex decoding_;                 // of one thread at a time, so that those that wait for it look again
   // Runs share the mesh; who decodes more of its textures has it alone.
   mutable std::shared_mutex mutex_;
   TriangleMesh mesh_;
@@ -75,6 +79,7 @@ class UsedMesh {
   UsedMesh() = default;
   absl::Status Hold(const MeshSource& source, const TextureUse& textures, const JobContext& job);
   absl::Status Move(std::span<const uint8_t> positions);
+  absl::StatusOr<MeshReport> Report(const JobContext& job) const;
 
   std::shared_ptr<HeldMesh> held_;
   std::shared_lock<std::shared_mutex> lock_;  // of the held mesh
