@@ -4,10 +4,11 @@
 
 #include <condition_variable>
 #include <cstddef>
-#include <deque>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <utility>
+#include <vector>
 
 namespace voxelpipe {
 namespace {
@@ -20,32 +21,35 @@ class JobThreads {
  public:
   void Run(Task task) {
     const std::lock_guard lock(mutex_);
-    waiting_.push_back(std::move(task));
-    if (waiting_.size() <= idle_) {
-      come_.notify_one();
+    if (!idle_.empty()) {
+      Worker& last = *idle_.back();
+      idle_.pop_back();
+      last.task = std::move(task);
+      last.come.notify_one();
       return;
     }
-    try {
-      std::thread([this] { Loop(); }).detach();
-    } catch (...) {
-      waiting_.pop_back();
-      throw;
-    }
+    idle_.reserve(threads_ + 1);  // so that a thread that becomes idle allocates nothing
+    std::thread([this, first = std::move(task)]() mutable { Loop(std::move(first)); }).detach();
+    ++threads_;
   }
 
  private:
-  void Loop() {
+  struct Worker {
+    std::condition_variable come;
+    std::optional<Task> task;
+  };
+
+  void Loop(Task first) {
+    Worker self;
+    self.task = std::move(first);
     std::unique_lock lock(mutex_);
-    ++idle_;
     while (true) {
-      come_.wait(lock, [this] { return !waiting_.empty(); });
-      --idle_;
-      const Task task = std::move(waiting_.front());
-      waiting_.pop_front();
+      self.come.wait(lock, [&] { return self.task.has_value(); });
+      const Task task = *std::exchange(self.task, std::nullopt);
       lock.unlock();
       task.work();
       lock.lock();
-      ++idle_;
+      idle_.push_back(&self);
       lock.unlock();
       task.done();
       lock.lock();
@@ -53,9 +57,8 @@ class JobThreads {
   }
 
   std::mutex mutex_;
-  std::condition_variable come_;
-  std::deque<Task> waiting_;
-  size_t idle_ = 0;  // threads that wait, or will after their last task's done()
+  std::vector<Worker*> idle_;  // they wait, or will after done() of their task; the last one became idle last
+  size_t threads_ = 0;
 };
 
 // Never destroyed: its threads wait when the process ends, and a condition variable with waiters cannot be destroyed.

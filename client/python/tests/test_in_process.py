@@ -131,17 +131,8 @@ def test_other_threads_run_meanwhile() -> None:
     assert len(during) >= min(5.0, (end - begin) / 0.1), "the GIL was held"
 
 
-def test_calls_one_after_the_other_run_on_one_thread(ball: shapes.Triangles) -> None:
-    # A new thread has no memory yet: each call took a third longer, to map and clear its pages.
-    ran_on: set[int] = set()
-    for _ in range(5):
-        voxelpipe.voxelize(ball, resolution=16, progress=lambda *_: ran_on.add(threading.get_native_id()))
-    assert len(ran_on) == 1 and threading.get_native_id() not in ran_on
-
-
-def test_calls_of_several_threads_run_at_the_same_time(ball: shapes.Triangles) -> None:
-    expected = voxelpipe.voxelize(ball, resolution=16)
-    together = threading.Barrier(4)
+def at_the_same_time(ball: shapes.Triangles, count: int) -> list[voxelpipe.VoxelGrid]:
+    together = threading.Barrier(count)
     grids: list[voxelpipe.VoxelGrid] = []
 
     def call() -> None:
@@ -155,11 +146,27 @@ def test_calls_of_several_threads_run_at_the_same_time(ball: shapes.Triangles) -
 
         grids.append(voxelpipe.voxelize(ball, resolution=16, progress=meet))
 
-    callers = [threading.Thread(target=call) for _ in range(4)]
+    callers = [threading.Thread(target=call) for _ in range(count)]
     for caller in callers:
         caller.start()
     for caller in callers:
         caller.join()
+    return grids
+
+
+def test_calls_one_after_the_other_run_on_one_thread(ball: shapes.Triangles) -> None:
+    # A new thread has no memory yet: each call took a third longer, to map and clear its pages. Those that ran at the
+    # same time before are all idle: only the last one is used.
+    at_the_same_time(ball, 3)
+    ran_on: set[int] = set()
+    for _ in range(5):
+        voxelpipe.voxelize(ball, resolution=16, progress=lambda *_: ran_on.add(threading.get_native_id()))
+    assert len(ran_on) == 1 and threading.get_native_id() not in ran_on
+
+
+def test_calls_of_several_threads_run_at_the_same_time(ball: shapes.Triangles) -> None:
+    expected = voxelpipe.voxelize(ball, resolution=16)
+    grids = at_the_same_time(ball, 4)
     assert len(grids) == 4 and all(grid == expected for grid in grids)
 
 
