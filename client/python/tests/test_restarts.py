@@ -126,7 +126,7 @@ def test_the_timeout_ends_the_waiting(restarting: Restarting) -> None:
 
 
 @pytest.mark.parametrize("options", [{"retries": 0}, {"timeout": None}])
-def test_without_retries_or_a_timeout_nobody_waits(restarting: Restarting, options: dict[str, Any]) -> None:
+def test_without_retries_or_a_timeout_a_call_does_not_wait(restarting: Restarting, options: dict[str, Any]) -> None:
     with voxelpipe.Client(restarting.address, **options) as client:
         client.server_info()
         restarting.stop()

@@ -74,7 +74,7 @@ def _quick_end(options: Sequence[str]) -> list[str]:
 class LocalServer:
     """A running voxelpiped. server: its address. A context manager; also ends with this process."""
 
-    restarts = False  # if it is gone, nobody starts it at its address again
+    restarts = False  # once it has ended, no other one starts at its address
 
     def __init__(self, process: "subprocess.Popen[str]", folder: str) -> None:
         self._folder = folder

@@ -147,7 +147,7 @@ TEST(RetryTest, AJobWithADeadlineWaitsForAServerThatRestarts) {
   ASSERT_TRUE(client.ok()) << client.status();
   service.reset();
   JobContext job;
-  EXPECT_TRUE(absl::IsUnavailable(EstimateBy(**client, job).status())) << "nobody waits without a deadline";
+  EXPECT_TRUE(absl::IsUnavailable(EstimateBy(**client, job).status())) << "without a deadline it does not wait";
   job.set_deadline(JobContext::Clock::now() + std::chrono::seconds(60));
   std::thread restart([&] {
     std::this_thread::sleep_for(std::chrono::seconds(2));
