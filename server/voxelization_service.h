@@ -13,11 +13,12 @@ namespace voxelpipe {
 // and counted like any other invalid request.
 using Rpcs = v1::VoxelizationService;
 template <typename Base>
-using WithMeshCalls = Rpcs::WithRawCallbackMethod_UploadMesh<
-    Rpcs::WithRawCallbackMethod_GetMesh<Rpcs::WithRawCallbackMethod_DeleteMesh<Base>>>;
+using WithMeshCalls = Rpcs::WithRawCallbackMethod_CreateMesh<
+    Rpcs::WithRawCallbackMethod_UploadMesh<Rpcs::WithRawCallbackMethod_GetMesh<Rpcs::WithRawCallbackMethod_ListMeshes<
+        Rpcs::WithRawCallbackMethod_ReleaseMesh<Rpcs::WithRawCallbackMethod_DeleteMesh<Base>>>>>>;
 template <typename Base>
-using WithJobCalls = Rpcs::WithRawCallbackMethod_Voxelize<
-    Rpcs::WithRawCallbackMethod_VoxelizeMany<Rpcs::WithRawCallbackMethod_VoxelizeMesh<Base>>>;
+using WithJobCalls = Rpcs::WithRawCallbackMethod_Voxelize<Rpcs::WithRawCallbackMethod_VoxelizeUpload<
+    Rpcs::WithRawCallbackMethod_VoxelizeBatch<Rpcs::WithRawCallbackMethod_ExportFile<Base>>>>;
 template <typename Base>
 using WithQuestions = Rpcs::WithRawCallbackMethod_EstimateVoxelization<
     Rpcs::WithRawCallbackMethod_ListShaders<Rpcs::WithRawCallbackMethod_GetServerInfo<Base>>>;
@@ -27,17 +28,26 @@ class VoxelizationServiceImpl final : public WithJobCalls<WithMeshCalls<WithQues
   // `state` must outlive the service.
   explicit VoxelizationServiceImpl(ServiceState& state) : state_(state) {}
 
-  grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* Voxelize(grpc::CallbackServerContext* context) override;
-  grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizeMany(
+  grpc::ServerWriteReactor<grpc::ByteBuffer>* Voxelize(grpc::CallbackServerContext* context,
+                                                       const grpc::ByteBuffer* request) override;
+  grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizeUpload(
       grpc::CallbackServerContext* context) override;
-  grpc::ServerWriteReactor<grpc::ByteBuffer>* VoxelizeMesh(grpc::CallbackServerContext* context,
-                                                           const grpc::ByteBuffer* request) override;
+  grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>* VoxelizeBatch(
+      grpc::CallbackServerContext* context) override;
+  grpc::ServerWriteReactor<grpc::ByteBuffer>* ExportFile(grpc::CallbackServerContext* context,
+                                                         const grpc::ByteBuffer* request) override;
   grpc::ServerUnaryReactor* EstimateVoxelization(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                                  grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* CreateMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                       grpc::ByteBuffer* response) override;
   grpc::ServerReadReactor<grpc::ByteBuffer>* UploadMesh(grpc::CallbackServerContext* context,
                                                         grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* GetMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                     grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* ListMeshes(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                       grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* ReleaseMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
+                                        grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* DeleteMesh(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,
                                        grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* ListShaders(grpc::CallbackServerContext* context, const grpc::ByteBuffer* request,

@@ -110,6 +110,7 @@ absl::Status CallStatus(const grpc::Status& status, const JobContext& job, const
     return absl::UnavailableError(
         absl::StrCat(target, ": the server has cancelled the call", silent ? "" : ": ", silent ? "" : text));
   }
+  if (absl::IsUnimplemented(ours)) return OtherContractError(target);
   if (absl::IsUnavailable(ours)) {
     absl::Status named = absl::UnavailableError(absl::StrCat(target, ": ", std::string(ours.message())));
     ours.ForEachPayload([&](absl::string_view url, const absl::Cord& payload) { named.SetPayload(url, payload); });

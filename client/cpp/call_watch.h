@@ -26,7 +26,8 @@ class CallWatch {
 };
 
 // The status of an ended call as the caller should see it: the job's own reason if the job ended the call, otherwise
-// the server's; UNAVAILABLE names `target`. A call that the server has cancelled is UNAVAILABLE.
+// the server's; UNAVAILABLE names `target`. A call that the server has cancelled is UNAVAILABLE, one that it does not
+// know an OtherContractError.
 absl::Status CallStatus(const grpc::Status& status, const JobContext& job, const std::string& target);
 
 }  // namespace voxelpipe

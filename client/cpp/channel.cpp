@@ -18,6 +18,7 @@
 #include "address.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "load/local_file.h"
+#include "wire/contract_revision.h"
 
 namespace voxelpipe {
 namespace {
@@ -212,6 +213,13 @@ bool SaysNotConnected(std::string_view text) {
     if (absl::StrContains(lower, sign)) return true;
   }
   return false;
+}
+
+absl::Status OtherContractError(const std::string& target) {
+  return absl::UnimplementedError(absl::StrCat("the server at ", target,
+                                               " speaks another version of the contract than this client, which is "
+                                               "made for revision ",
+                                               kContractRevision));
 }
 
 void MarkConnectError(absl::Status& status) {

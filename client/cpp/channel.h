@@ -19,6 +19,9 @@ absl::StatusOr<std::shared_ptr<grpc::Channel>> OpenChannel(const std::string& ta
 // True if gRPC's error text says that no connection was made for a call.
 bool SaysNotConnected(std::string_view text);
 
+// UNIMPLEMENTED: the server does not know a call of the contract that this client is made for.
+absl::Status OtherContractError(const std::string& target);
+
 // Marks an error for IsConnectError.
 void MarkConnectError(absl::Status& status);
 

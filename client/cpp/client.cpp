@@ -11,6 +11,7 @@
 #include "retry.h"
 #include "voxelize_call.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/count.h"
 #include "wire/request.h"
 #include "wire/response.h"
 
@@ -19,11 +20,7 @@ namespace {
 
 // For calls that run no job on the server.
 constexpr std::chrono::seconds kQuickCall{10};
-
-// In messages an empty id means that the file follows.
-absl::Status NoMeshId() {
-  return absl::InvalidArgumentError("mesh_id: is empty");
-}
+constexpr int kMeshesOfAPage = 1000;  // the server's maximum
 
 using OnPlan = std::function<void(const Plan&)>;
 
@@ -57,9 +54,10 @@ struct Client::Impl {
   // Makes a short unary call.
   template <typename Service, typename Method, typename Request, typename Response>
   absl::Status Quick(Service& stub, Method method, const Request& request, Response& response,
-                     std::chrono::milliseconds timeout = kQuickCall) const {
+                     std::chrono::system_clock::time_point deadline = std::chrono::system_clock::now() +
+                                                                      kQuickCall) const {
     grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + timeout);
+    context.set_deadline(deadline);
     const JobContext job;
     return CallStatus((stub.*method)(&context, request, &response), job, target);
   }
@@ -85,8 +83,13 @@ struct Client::Impl {
     return CallWithRetries(options.retries, job, attempt, [&] { return !watched.used(); });
   }
 
-  absl::StatusOr<Estimated> Estimate(const v1::EstimateVoxelizationRequest& request, const JobContext& job) const {
-    return CallWithRetries(options.retries, job, [&] { return EstimateOnce(request, job); });
+  // `message`: with its mesh.
+  absl::StatusOr<Estimated> Estimate(v1::EstimateVoxelizationRequest& message, const VoxelizeRequest& request,
+                                     const JobContext& job) const {
+    if (absl::Status status = CheckSendable(request); !status.ok()) return status;
+    WriteTo(request, *message.mutable_spec());
+    *message.mutable_execution() = MakeExecution(request);
+    return CallWithRetries(options.retries, job, [&] { return EstimateOnce(message, job); });
   }
 
   absl::StatusOr<Estimated> EstimateOnce(const v1::EstimateVoxelizationRequest& request, const JobContext& job) const {
@@ -98,7 +101,7 @@ struct Client::Impl {
     if (!status.ok()) return CallStatus(status, job, target);
     absl::StatusOr<Plan> plan = FromMessage(response.plan());
     if (!plan.ok()) return plan.status();
-    return Estimated{*std::move(plan), FromMessage(response.mesh())};
+    return Estimated{*std::move(plan), FromMessage(response.report())};
   }
 };
 
@@ -144,62 +147,87 @@ absl::StatusOr<StoredMesh> Client::UploadMesh(std::span<const uint8_t> mesh_byte
                          [&] { return CallUploadMesh(*impl_->raw, impl_->target, mesh_bytes, type, job); });
 }
 
-absl::StatusOr<RemoteResult> Client::VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,
+absl::StatusOr<RemoteResult> Client::VoxelizeStored(const std::string& mesh_name, const VoxelizeRequest& request,
                                                     const JobContext& job, std::span<const float> new_positions,
                                                     const std::function<void(const Plan&)>& on_plan) {
-  if (mesh_id.empty()) return NoMeshId();
-  return impl_->Voxelize(MeshSource::Stored(mesh_id, new_positions), request, job, on_plan);
+  return impl_->Voxelize(MeshSource::Stored(mesh_name, new_positions), request, job, on_plan);
 }
 
-absl::StatusOr<RemoteRun> Client::VoxelizeStoredTo(const std::string& mesh_id, const VoxelizeRequest& request,
+absl::StatusOr<RemoteRun> Client::VoxelizeStoredTo(const std::string& mesh_name, const VoxelizeRequest& request,
                                                    const JobContext& job, ResultSink& sink,
                                                    std::span<const float> new_positions,
                                                    const std::function<void(const Plan&)>& on_plan) {
-  if (mesh_id.empty()) return NoMeshId();
-  return impl_->VoxelizeTo(MeshSource::Stored(mesh_id, new_positions), request, job, sink, on_plan);
+  return impl_->VoxelizeTo(MeshSource::Stored(mesh_name, new_positions), request, job, sink, on_plan);
 }
 
-absl::StatusOr<StoredMesh> Client::GetMesh(const std::string& mesh_id) {
+absl::StatusOr<StoredMesh> Client::GetMesh(const std::string& mesh_name) {
   v1::GetMeshRequest request;
-  request.set_mesh_id(mesh_id);
-  v1::GetMeshResponse response;
+  request.set_name(mesh_name);
+  v1::Mesh response;
   absl::Status status = impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::GetMesh, request, response);
   if (!status.ok()) return status;
-  return FromMessage(response.mesh());
+  return FromMessage(response);
 }
 
-absl::StatusOr<uint64_t> Client::DeleteMesh(const std::string& mesh_id) {
+absl::StatusOr<std::vector<StoredMesh>> Client::ListMeshes() {
+  std::vector<StoredMesh> meshes;
+  v1::ListMeshesRequest request;
+  request.set_page_size(kMeshesOfAPage);
+  // Of all pages together, which a server may give without end.
+  const auto deadline = std::chrono::system_clock::now() + kQuickCall;
+  do {
+    v1::ListMeshesResponse page;
+    absl::Status status =
+        impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::ListMeshes, request, page, deadline);
+    if (!status.ok()) return status;
+    for (const v1::Mesh& message : page.meshes()) {
+      absl::StatusOr<StoredMesh> mesh = FromMessage(message);
+      if (!mesh.ok()) return mesh.status();
+      meshes.push_back(*std::move(mesh));
+    }
+    request.set_page_token(page.next_page_token());
+  } while (!request.page_token().empty());
+  return meshes;
+}
+
+absl::StatusOr<uint64_t> Client::ReleaseMesh(const std::string& mesh_name) {
+  v1::ReleaseMeshRequest request;
+  request.set_name(mesh_name);
+  v1::ReleaseMeshResponse response;
+  absl::Status status = impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::ReleaseMesh, request, response);
+  if (!status.ok()) return status;
+  return CountOf(response.freed_bytes());
+}
+
+absl::StatusOr<uint64_t> Client::DeleteMesh(const std::string& mesh_name) {
   v1::DeleteMeshRequest request;
-  request.set_mesh_id(mesh_id);
+  request.set_name(mesh_name);
   v1::DeleteMeshResponse response;
   absl::Status status = impl_->Quick(*impl_->service, &v1::VoxelizationService::Stub::DeleteMesh, request, response);
   if (!status.ok()) return status;
-  return response.freed_bytes();
+  return CountOf(response.freed_bytes());
 }
 
-absl::StatusOr<Client::Estimated> Client::EstimateStored(const std::string& mesh_id, const VoxelizeRequest& request,
+absl::StatusOr<Client::Estimated> Client::EstimateStored(const std::string& mesh_name, const VoxelizeRequest& request,
                                                          const JobContext& job) {
   v1::EstimateVoxelizationRequest message;
-  *message.mutable_config() = MakeConfig(request);
-  message.set_mesh_id(mesh_id);
-  return impl_->Estimate(message, job);
+  WriteWithBytes(MeshSource::Stored(mesh_name, {}), *message.mutable_mesh());
+  return impl_->Estimate(message, request, job);
 }
 
 absl::StatusOr<Client::Estimated> Client::Estimate(std::span<const uint8_t> mesh_bytes, MeshFileType type,
                                                    const VoxelizeRequest& request, const JobContext& job) {
   v1::EstimateVoxelizationRequest message;
-  *message.mutable_config() = MakeConfig(request, type);
-  message.set_mesh_bytes(mesh_bytes.data(), mesh_bytes.size());
-  return impl_->Estimate(message, job);
+  WriteWithBytes(MeshSource::File(mesh_bytes, type), *message.mutable_mesh());
+  return impl_->Estimate(message, request, job);
 }
 
 absl::StatusOr<Plan> Client::Estimate(uint64_t triangles, uint64_t vertices, const Box3d& shaded_box,
                                       const VoxelizeRequest& request, const JobContext& job) {
   v1::EstimateVoxelizationRequest message;
-  *message.mutable_config() = MakeConfig(request);
   v1::MeshSummary* mesh = message.mutable_summary();
-  mesh->set_triangles(triangles);
-  mesh->set_vertices(vertices);
+  mesh->set_triangles(int64_t(triangles));
+  mesh->set_vertices(int64_t(vertices));
   if (!shaded_box.empty) {
     const auto write = [](const Vec3d& from, v1::Vec3* to) {
       to->set_x(from.x);
@@ -209,7 +237,7 @@ absl::StatusOr<Plan> Client::Estimate(uint64_t triangles, uint64_t vertices, con
     write(shaded_box.min, mesh->mutable_min());
     write(shaded_box.max, mesh->mutable_max());
   }
-  absl::StatusOr<Estimated> estimated = impl_->Estimate(message, job);
+  absl::StatusOr<Estimated> estimated = impl_->Estimate(message, request, job);
   if (!estimated.ok()) return estimated.status();
   return std::move(estimated->plan);
 }
@@ -231,28 +259,36 @@ absl::StatusOr<ServerDescription> Client::ServerInfo() {
   if (!status.ok()) return status;
   ServerDescription server;
   server.version = response.version();
-  for (const v1::BackendInfo& backend : response.backends())
-    server.backends.push_back({backend.name(), backend.simd()});
+  for (const v1::BackendInfo& backend : response.backends()) {
+    const std::string name(NameOf(backend.backend()));
+    // A GPU has no instruction set of row kernels.
+    const bool gpu = backend.backend() == v1::BACKEND_CUDA;
+    server.backends.push_back({name, gpu ? name : std::string(NameOf(backend.simd()))});
+  }
   for (const v1::Device& device : response.devices()) {
-    server.devices.push_back({device.name(), device.backend(), device.model(), device.memory_bytes(), device.workers(),
+    server.devices.push_back({device.name(), std::string(NameOf(device.backend())), device.model(),
+                              CountOf(device.memory_bytes()), uint32_t(CountOf(device.workers())),
                               device.state() != v1::DEVICE_STATE_QUARANTINED, device.reason()});
   }
-  server.threads = response.threads();
-  server.workers = response.limits().workers();
-  server.max_queue = response.limits().max_queue();
-  server.max_file_bytes = response.limits().max_file_bytes();
-  server.max_result_bytes = response.limits().max_result_bytes();
-  server.max_working_bytes = response.limits().max_working_bytes();
-  server.max_triangles = response.limits().max_triangles();
-  server.max_mesh_store_bytes = response.limits().max_mesh_store_bytes();
-  server.max_message_bytes = response.limits().max_message_bytes();
+  const v1::ServerLimits& limits = response.limits();
+  server.threads = uint32_t(CountOf(response.threads()));
+  server.workers = uint32_t(CountOf(limits.load_workers()));
+  server.max_queue = uint32_t(CountOf(limits.max_queue()));
+  server.max_file_bytes = CountOf(limits.max_file_bytes());
+  server.max_result_bytes = CountOf(limits.max_result_bytes());
+  server.max_working_bytes = CountOf(limits.max_working_bytes());
+  server.max_triangles = CountOf(limits.max_triangles());
+  server.max_mesh_store_bytes = CountOf(limits.max_mesh_store_bytes());
+  server.max_message_bytes = CountOf(limits.max_message_bytes());
+  server.batch_jobs = uint32_t(CountOf(limits.batch_jobs()));
   return server;
 }
 
 absl::Status Client::CheckHealth(std::chrono::milliseconds timeout) {
   grpc::health::v1::HealthCheckResponse response;
-  absl::Status status = impl_->Quick(*impl_->health, &grpc::health::v1::Health::Stub::Check,
-                                     grpc::health::v1::HealthCheckRequest(), response, timeout);
+  absl::Status status =
+      impl_->Quick(*impl_->health, &grpc::health::v1::Health::Stub::Check, grpc::health::v1::HealthCheckRequest(),
+                   response, std::chrono::system_clock::now() + timeout);
   if (!status.ok()) return status;
   if (response.status() == grpc::health::v1::HealthCheckResponse::SERVING) return absl::OkStatus();
   return absl::UnavailableError(absl::StrCat(impl_->target, ": the server takes no requests"));

@@ -76,7 +76,9 @@ struct RemoteResult : RemoteRun {
 
 // A mesh stored on the server.
 struct StoredMesh {
-  std::string mesh_id;  // that of MeshIdOf (wire/mesh_id.h): the SHA-256 of the file's bytes, if no unit was given
+  // "meshes/" and the SHA-256 of the file's bytes in hexadecimal digits; then "-mm" and so on where a unit was given,
+  // "-obj" and so on where a format was given (MeshFileType).
+  std::string name;
   MeshFormat format = MeshFormat::kAuto;  // of the file
   LengthUnit unit = LengthUnit::kNone;    // as it was given
   uint64_t file_bytes = 0;
@@ -116,6 +118,7 @@ struct ServerDescription {
   uint64_t max_triangles = 0;
   uint64_t max_message_bytes = 0;     // of one request message; Voxelize sends smaller ones for meshes of any size
   uint64_t max_mesh_store_bytes = 0;  // memory of all stored meshes
+  uint32_t batch_jobs = 0;            // outstanding jobs of one stream of OpenMany, beyond which the server waits
 };
 
 // True if an error says that no connection to the server was made, so that nothing was sent.
@@ -155,31 +158,36 @@ class Client {
                                        const VoxelizeRequest& request, const JobContext& job, ResultSink& sink,
                                        const std::function<void(const Plan&)>& on_plan = {});
 
-  // Stores a mesh on the server, unless it already has it (the SHA-256 of the bytes is sent first). It stays until it
-  // is deleted or evicted as least recently used. `job`: as in Voxelize; Progress is called with "upload". Errors: as
-  // in Voxelize for a broken file; RESOURCE_EXHAUSTED if it is larger than the server's whole store; DATA_LOSS if the
-  // server received other bytes.
+  // Stores a mesh on the server, unless it already has it (the mesh's name is sent first). It stays until it is deleted
+  // or evicted as least recently used. `job`: as in Voxelize; Progress is called with "upload". Errors: as in Voxelize
+  // for a broken file; RESOURCE_EXHAUSTED if it is larger than the server's whole store; DATA_LOSS if the server
+  // received other bytes.
   absl::StatusOr<StoredMesh> UploadMesh(std::span<const uint8_t> mesh_bytes, MeshFileType type, const JobContext& job);
 
   // Voxelize and VoxelizeTo with a stored mesh: the same bytes as with its file. NOT_FOUND if the server has none of
-  // that id (any more): UploadMesh sends it again. `new_positions`, if not empty: x, y, z of every vertex of the
+  // that name (any more): UploadMesh sends it again. `new_positions`, if not empty: x, y, z of every vertex of the
   // flattened mesh (report.vertices of them, in the order of the file's nodes and primitives), in world units,
   // replacing the mesh's own; everything else is kept, including normals. Skeletons and morph targets do not move such
   // a mesh. INVALID_ARGUMENT for another number, or naming the first vertex that is not finite.
-  absl::StatusOr<RemoteResult> VoxelizeStored(const std::string& mesh_id, const VoxelizeRequest& request,
+  absl::StatusOr<RemoteResult> VoxelizeStored(const std::string& mesh_name, const VoxelizeRequest& request,
                                               const JobContext& job, std::span<const float> new_positions = {},
                                               const std::function<void(const Plan&)>& on_plan = {});
-  absl::StatusOr<RemoteRun> VoxelizeStoredTo(const std::string& mesh_id, const VoxelizeRequest& request,
+  absl::StatusOr<RemoteRun> VoxelizeStoredTo(const std::string& mesh_name, const VoxelizeRequest& request,
                                              const JobContext& job, ResultSink& sink,
                                              std::span<const float> new_positions = {},
                                              const std::function<void(const Plan&)>& on_plan = {});
 
   // The server's description of a stored mesh. NOT_FOUND if it does not have it.
-  absl::StatusOr<StoredMesh> GetMesh(const std::string& mesh_id);
+  absl::StatusOr<StoredMesh> GetMesh(const std::string& mesh_name);
+  // The meshes on which this client has a claim, an administrator's call all of them; the newest first.
+  absl::StatusOr<std::vector<StoredMesh>> ListMeshes();
   // Releases this client's claim on a mesh, and deletes the mesh if no other client has a claim; jobs that use it
   // continue. Out: the freed bytes, 0 if it stays for others. NOT_FOUND if the server does not have it,
   // PERMISSION_DENIED without a claim.
-  absl::StatusOr<uint64_t> DeleteMesh(const std::string& mesh_id);
+  absl::StatusOr<uint64_t> ReleaseMesh(const std::string& mesh_name);
+  // Deletes a mesh whatever claims it has; jobs that use it continue. Out: the freed bytes. NOT_FOUND if the server
+  // does not have it, PERMISSION_DENIED for all but administrators.
+  absl::StatusOr<uint64_t> DeleteMesh(const std::string& mesh_name);
 
   // Opens a stream for many small jobs (many_stream.h). At most `window` of them are outstanding at a time. `job`:
   // Cancel() ends the stream, its deadline is the stream's; it must outlive the stream, as must this client.
@@ -198,7 +206,7 @@ class Client {
                                 const VoxelizeRequest& request, const JobContext& job);
 
   // The same for a stored mesh.
-  absl::StatusOr<Estimated> EstimateStored(const std::string& mesh_id, const VoxelizeRequest& request,
+  absl::StatusOr<Estimated> EstimateStored(const std::string& mesh_name, const VoxelizeRequest& request,
                                            const JobContext& job);
 
   // The server's shaders, vertex shaders first.

@@ -6,7 +6,9 @@
 
 #include "call_watch.h"
 #include "channel.h"
+#include "voxelize_call.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/duration.h"
 #include "wire/mesh_contents.h"
 #include "wire/request.h"
 #include "wire/response.h"
@@ -24,17 +26,17 @@ absl::StatusOr<MeshInspection> InspectMesh(const std::string& target, const Conn
   smallest.grid.resolution = 1;
   smallest.fill = Fill::kParity;  // a fill makes the server count edges too
   v1::EstimateVoxelizationRequest request;
-  *request.mutable_config() = MakeConfig(smallest, type);
-  request.set_mesh_bytes(mesh_bytes.data(), mesh_bytes.size());
+  WriteTo(smallest, *request.mutable_spec());
+  WriteWithBytes(MeshSource::File(mesh_bytes, type), *request.mutable_mesh());
   grpc::ClientContext context;
   const CallWatch watch(context, job);
   v1::EstimateVoxelizationResponse response;
   const grpc::Status status = service->EstimateVoxelization(&context, request, &response);
   if (!status.ok()) return CallStatus(status, job, target);
-  MeshInspection seen{FromMessage(response.mesh()), FromMessage(response.contents()), {}, {}};
+  MeshInspection seen{FromMessage(response.report()), FromMessage(response.contents()), {}, {}};
   seen.warnings = ReadWarnings(response);
   for (const v1::StageTime& time : response.contents().stages()) {
-    seen.stages.emplace_back(time.stage(), time.milliseconds());
+    seen.stages.emplace_back(time.stage(), MsOf(time.time()));
   }
   return seen;
 }

@@ -1,4 +1,4 @@
-// Opens VoxelizeMany streams.
+// Opens VoxelizeBatch streams.
 #pragma once
 
 #include <cstddef>

@@ -10,12 +10,12 @@
 #include <grpcpp/support/sync_stream.h>
 
 #include "absl/strings/str_cat.h"
-#include "base/checksum/crc32c.h"
 #include "call_watch.h"
 #include "job/memory_sink.h"
 #include "many_call.h"
 #include "reply/list_check.h"
 #include "result_reader.h"
+#include "voxelize_call.h"
 #include "wire/request.h"
 #include "wire/status.h"
 
@@ -27,16 +27,6 @@ struct Unanswered {
   Unanswered(VoxelizeRequest asked, const ConnectOptions& options)
       : request(std::move(asked)), reader(request, options.max_result_bytes, sink, options.settings.content_hash) {}
 
-  absl::Status Add(const v1::VoxelizeResponse& part) {
-    switch (part.message_case()) {
-      case v1::VoxelizeResponse::kHeader: return reader.AddHeader(part.header());
-      case v1::VoxelizeResponse::kPiece: return reader.AddPiece(part.piece());
-      case v1::VoxelizeResponse::kSummary: return reader.AddSummary(part.summary());
-      case v1::VoxelizeResponse::kWhole:
-        return absl::DataLossError("the server's result: a whole result as a part of one");
-      default: return absl::OkStatus();  // a plan, or a message of a newer server
-    }
-  }
   absl::StatusOr<RemoteResult> Take() {
     absl::StatusOr<RemoteRun> run = reader.Take();
     if (!run.ok()) return run.status();
@@ -57,14 +47,16 @@ struct ManyStream::Impl {
   Impl(v1::VoxelizationService::Stub& stub, std::string server, const ConnectOptions& connection,
        const JobContext& watched, size_t most)
       : target(std::move(server)), options(connection), job(watched), window(most), watch(context, watched) {
-    stream = stub.VoxelizeMany(&context);
+    stream = stub.VoxelizeBatch(&context);
   }
 
-  absl::Status Send(uint64_t id, v1::VoxelizeManyRequest message, const VoxelizeRequest& request) {
-    if (request.targets.empty()) return absl::InvalidArgumentError("targets: at least one is needed");
-    message.set_id(id);
-    message.set_takes_more(true);
-    message.set_crc32c(Crc32c({reinterpret_cast<const uint8_t*>(message.mesh().data()), message.mesh().size()}));
+  absl::Status Send(uint64_t id, const MeshSource& mesh, const VoxelizeRequest& request) {
+    if (absl::Status s = CheckSendable(request); !s.ok()) return s;
+    v1::VoxelizeBatchRequest message;
+    v1::BatchJob& one = *message.add_jobs();
+    one.set_id(id);
+    *one.mutable_request() = MakeRequest(request, options.settings);
+    WriteWithBytes(mesh, *one.mutable_request()->mutable_mesh());
     {
       std::unique_lock lock(mutex);
       changed.wait(lock, [this] { return ended || unanswered.size() < window; });
@@ -79,7 +71,7 @@ struct ManyStream::Impl {
 
   absl::StatusOr<ManyAnswer> Receive() {
     const std::lock_guard one_reader(read_mutex);
-    while (const v1::VoxelizeManyResponse* next = NextMessage()) {
+    while (const v1::BatchReply* next = NextReply()) {
       absl::StatusOr<std::optional<ManyAnswer>> answer = Take(*next);
       if (!answer.ok()) {
         context.TryCancel();
@@ -93,43 +85,47 @@ struct ManyStream::Impl {
     return status->ok() ? absl::OutOfRangeError("all jobs are answered") : *status;
   }
 
-  // The next response, in a message of its own or with others; null at the end of the stream.
-  const v1::VoxelizeManyResponse* NextMessage() {
-    if (taken < received.more_size()) return &received.more(taken++);
-    taken = 0;
-    return stream->Read(&received) ? &received : nullptr;
+  // Null at the end of the stream.
+  const v1::BatchReply* NextReply() {
+    while (taken == received.replies_size()) {
+      taken = 0;
+      if (!stream->Read(&received)) {
+        received.Clear();
+        return nullptr;
+      }
+    }
+    return &received.replies(taken++);
   }
 
   // Errors are those of the stream.
-  absl::StatusOr<std::optional<ManyAnswer>> Take(const v1::VoxelizeManyResponse& message) {
+  absl::StatusOr<std::optional<ManyAnswer>> Take(const v1::BatchReply& reply) {
     Unanswered* one = nullptr;
     {
       const std::lock_guard lock(mutex);
-      const auto found = unanswered.find(message.id());
+      const auto found = unanswered.find(reply.id());
       if (found != unanswered.end()) one = found->second.get();
     }
-    if (one == nullptr)
-      return absl::DataLossError(absl::StrCat("an answer to job ", message.id(), ", which waits for none"));
+    if (one == nullptr) {
+      return absl::DataLossError(absl::StrCat("an answer to job ", reply.id(), ", which waits for none"));
+    }
     ManyAnswer answer;
-    answer.id = message.id();
-    if (message.has_error()) {
-      if (message.error().code() == int(grpc::StatusCode::OK)) {
+    answer.id = reply.id();
+    if (reply.has_error()) {
+      if (reply.error().code() == int(grpc::StatusCode::OK)) {
         return absl::DataLossError("the server's answer: an error of the code OK");
       }
-      answer.result = FromGrpcStatus(grpc::Status(grpc::StatusCode(message.error().code()), message.error().message(),
-                                                  message.error().SerializeAsString()));
-    } else if (message.has_whole()) {
-      absl::Status s = one->reader.AddWhole(message.whole());
-      answer.result = s.ok() ? one->Take() : absl::StatusOr<RemoteResult>(std::move(s));
+      answer.result = FromGrpcStatus(grpc::Status(grpc::StatusCode(reply.error().code()), reply.error().message(),
+                                                  reply.error().SerializeAsString()));
     } else {
-      absl::Status s = one->Add(message.part());
-      if (!s.ok()) return s;  // more of it may come, and could not be told apart
-      if (!message.part().has_summary()) return std::optional<ManyAnswer>();
-      answer.result = one->Take();
+      const bool last = reply.response().has_summary();
+      absl::Status s = one->reader.Add(reply.response());
+      if (!s.ok() && !last) return s;  // more of it may come, and could not be told apart
+      if (!last) return std::optional<ManyAnswer>();
+      answer.result = s.ok() ? one->Take() : absl::StatusOr<RemoteResult>(std::move(s));
     }
     {
       const std::lock_guard lock(mutex);
-      unanswered.erase(message.id());
+      unanswered.erase(reply.id());
     }
     changed.notify_all();
     return std::optional<ManyAnswer>(std::move(answer));
@@ -150,12 +146,12 @@ struct ManyStream::Impl {
   const size_t window;
   grpc::ClientContext context;
   const CallWatch watch;
-  std::unique_ptr<grpc::ClientReaderWriter<v1::VoxelizeManyRequest, v1::VoxelizeManyResponse>> stream;
+  std::unique_ptr<grpc::ClientReaderWriter<v1::VoxelizeBatchRequest, v1::VoxelizeBatchResponse>> stream;
   std::mutex write_mutex, read_mutex;  // gRPC allows one of each at a time
   // Guarded by read_mutex:
   std::optional<absl::Status> status;
-  v1::VoxelizeManyResponse received;  // the last message
-  int taken = 0;                      // of its further responses
+  v1::VoxelizeBatchResponse received;  // the last message
+  int taken = 0;                       // of its replies
 
   std::mutex mutex;
   std::condition_variable changed;
@@ -168,27 +164,19 @@ ManyStream::ManyStream(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 ManyStream::~ManyStream() {
   if (impl_->status) return;
   impl_->context.TryCancel();
-  v1::VoxelizeManyResponse message;
+  v1::VoxelizeBatchResponse message;
   while (impl_->stream->Read(&message)) {}
   impl_->stream->Finish();
 }
 
 absl::Status ManyStream::Send(uint64_t id, std::span<const uint8_t> mesh_bytes, MeshFileType type,
                               const VoxelizeRequest& request) {
-  v1::VoxelizeManyRequest message;
-  *message.mutable_config() = MakeConfig(request, type, impl_->options.settings);
-  message.set_mesh(mesh_bytes.data(), mesh_bytes.size());
-  return impl_->Send(id, std::move(message), request);
+  return impl_->Send(id, MeshSource::File(mesh_bytes, type), request);
 }
 
-absl::Status ManyStream::SendStored(uint64_t id, const std::string& mesh_id, const VoxelizeRequest& request,
+absl::Status ManyStream::SendStored(uint64_t id, const std::string& mesh_name, const VoxelizeRequest& request,
                                     std::span<const float> new_positions) {
-  v1::VoxelizeManyRequest message;
-  *message.mutable_config() = MakeConfig(request, MeshFormat::kAuto, impl_->options.settings);
-  message.mutable_config()->set_mesh_id(mesh_id);
-  message.mutable_config()->set_new_positions(!new_positions.empty());
-  message.set_mesh(new_positions.data(), new_positions.size_bytes());
-  return impl_->Send(id, std::move(message), request);
+  return impl_->Send(id, MeshSource::Stored(mesh_name, new_positions), request);
 }
 
 void ManyStream::FinishSending() {

@@ -35,7 +35,7 @@ class ManyStream {
   absl::Status Send(uint64_t id, std::span<const uint8_t> mesh_bytes, MeshFileType type,
                     const VoxelizeRequest& request);
   // The same with a stored mesh (Client::VoxelizeStored).
-  absl::Status SendStored(uint64_t id, const std::string& mesh_id, const VoxelizeRequest& request,
+  absl::Status SendStored(uint64_t id, const std::string& mesh_name, const VoxelizeRequest& request,
                           std::span<const float> new_positions = {});
   // Ends sending. Call once.
   void FinishSending();

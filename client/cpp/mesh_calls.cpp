@@ -5,35 +5,34 @@
 
 #include <grpcpp/client_context.h>
 
+#include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
 #include "call_watch.h"
 #include "upload_pieces.h"
-#include "wire/mesh_id.h"
+#include "wire/count.h"
+#include "wire/mesh_name.h"
 #include "wire/request.h"
 #include "wire/response.h"
 
 namespace voxelpipe {
-namespace {
 
-constexpr size_t kMeshIdDigits = 64;
-
-}  // namespace
-
-absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message) {
-  if (message.mesh_id().size() != kMeshIdDigits) {
-    return absl::DataLossError(absl::StrCat("the server's answer: '", message.mesh_id(), "' names no mesh"));
+absl::StatusOr<StoredMesh> FromMessage(const v1::Mesh& message) {
+  if (const absl::Status s = CheckMeshName(message.name(), "name"); !s.ok()) {
+    return absl::DataLossError(
+        absl::StrCat("the server's answer: '", absl::CHexEscape(message.name()), "', ", std::string(s.message())));
   }
   StoredMesh mesh;
-  mesh.mesh_id = message.mesh_id();
+  mesh.name = message.name();
   // A newer server may have others.
-  const MeshFileType type = ParseMeshType(message.mesh_format(), message.mesh_unit()).value_or(MeshFileType{});
+  const MeshFileType type = ParseMeshType(message.format(), message.unit(), "").value_or(MeshFileType{});
   mesh.format = type.format;
   mesh.unit = type.unit;
-  mesh.file_bytes = message.file_bytes();
-  mesh.memory_bytes = message.memory_bytes();
-  mesh.report = FromMessage(message.mesh());
+  mesh.file_bytes = CountOf(message.file_bytes());
+  mesh.memory_bytes = CountOf(message.memory_bytes());
+  mesh.report = FromMessage(message.report());
   mesh.warnings = ReadWarnings(message);
-  mesh.uses = message.uses();
+  mesh.uses = CountOf(message.uses());
+  mesh.already_stored = message.already_stored();
   return mesh;
 }
 
@@ -43,13 +42,13 @@ absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::stri
   if (absl::Status status = job.Check(); !status.ok()) return status;
   grpc::ClientContext context;
   const CallWatch watch(context, job);
-  v1::UploadMeshResponse response;
+  v1::Mesh response;
   const auto stream = calls.UploadMesh(context, response);
   v1::UploadMeshRequest message;
-  const std::string mesh_id = MeshIdOf(mesh_bytes, type.unit);
-  message.mutable_upload()->set_mesh_format(ToMessage(type.format));
-  message.mutable_upload()->set_mesh_unit(ToMessage(type.unit));
-  message.mutable_upload()->set_mesh_id(mesh_id);
+  const std::string name = MeshNameOf(mesh_bytes, type);
+  message.mutable_upload()->set_format(ToMessage(type.format));
+  message.mutable_upload()->set_unit(ToMessage(type.unit));
+  message.mutable_upload()->set_expected_id(name);
   bool open =
       stream->Write(Serialized(message));  // false as soon as the server has responded: it has or refuses the mesh
   UploadPieces pieces(v1::UploadMeshRequest::kPieceFieldNumber, v1::UploadMeshRequest::kCrc32CFieldNumber);
@@ -62,12 +61,10 @@ absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::stri
   const grpc::Status status = stream->Finish();
   if (!status.ok()) return CallStatus(status, job, target);
   job.Report("upload", 1);
-  absl::StatusOr<StoredMesh> mesh = FromMessage(response.mesh());
-  if (!mesh.ok()) return mesh;
-  if (mesh->mesh_id != mesh_id) {
-    return absl::DataLossError(absl::StrCat("the server keeps the mesh ", mesh_id, " as ", mesh->mesh_id));
+  absl::StatusOr<StoredMesh> mesh = FromMessage(response);
+  if (mesh.ok() && mesh->name != name) {
+    return absl::DataLossError(absl::StrCat("the server keeps the mesh ", name, " as ", mesh->name));
   }
-  mesh->already_stored = response.already_stored();
   return mesh;
 }
 

@@ -17,6 +17,6 @@ absl::StatusOr<StoredMesh> CallUploadMesh(const RawCalls& calls, const std::stri
                                           const JobContext& job);
 
 // DATA_LOSS if the message does not name a mesh.
-absl::StatusOr<StoredMesh> FromMessage(const v1::StoredMesh& message);
+absl::StatusOr<StoredMesh> FromMessage(const v1::Mesh& message);
 
 }  // namespace voxelpipe

@@ -19,20 +19,20 @@ class RawCalls {
   explicit RawCalls(std::shared_ptr<grpc::Channel> channel);
 
   // VoxelizeRequest up, VoxelizeResponse down.
-  using VoxelizeStream = grpc::ClientReaderWriter<grpc::ByteBuffer, grpc::ByteBuffer>;
-  std::unique_ptr<VoxelizeStream> Voxelize(grpc::ClientContext& context) const;
+  std::unique_ptr<grpc::ClientReader<grpc::ByteBuffer>> Voxelize(grpc::ClientContext& context,
+                                                                 const grpc::ByteBuffer& request) const;
 
-  // VoxelizeMeshRequest up, VoxelizeResponse down.
-  using VoxelizeMeshStream = grpc::ClientReader<grpc::ByteBuffer>;
-  std::unique_ptr<VoxelizeMeshStream> VoxelizeMesh(grpc::ClientContext& context, const grpc::ByteBuffer& request) const;
+  // VoxelizeUploadRequest up, VoxelizeResponse down.
+  using UploadStream = grpc::ClientReaderWriter<grpc::ByteBuffer, grpc::ByteBuffer>;
+  std::unique_ptr<UploadStream> VoxelizeUpload(grpc::ClientContext& context) const;
 
   // UploadMeshRequest up.
   std::unique_ptr<grpc::ClientWriter<grpc::ByteBuffer>> UploadMesh(grpc::ClientContext& context,
-                                                                   v1::UploadMeshResponse& response) const;
+                                                                   v1::Mesh& response) const;
 
  private:
   const std::shared_ptr<grpc::Channel> channel_;
-  const grpc::internal::RpcMethod voxelize_, voxelize_mesh_, upload_mesh_;
+  const grpc::internal::RpcMethod voxelize_, voxelize_upload_, upload_mesh_;
 };
 
 }  // namespace voxelpipe

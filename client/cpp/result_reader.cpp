@@ -1,20 +1,24 @@
 #include "result_reader.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <utility>
 
+#include <grpcpp/impl/codegen/proto_utils.h>
+
 #include "absl/strings/escaping.h"
 #include "absl/strings/str_cat.h"
-#include "reply/piece_view.h"
 #include "reply/zstd_frame.h"
+#include "wire/count.h"
+#include "wire/duration.h"
 #include "wire/response.h"
 
 namespace voxelpipe {
 namespace {
 
 // The maximum of one compressed piece of a server.
-constexpr uint64_t kMaxRawBytes = 64 << 20;
+constexpr int64_t kMaxFrameBytes = 64 << 20;
 
 template <typename... Parts>
 absl::Status Lost(const Parts&... parts) {
@@ -43,12 +47,52 @@ absl::Status CheckGrid(const GridSpec& grid, const GridRequest& request) {
 
 }  // namespace
 
-ResultReader::ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes, ResultSink& sink, bool hashed)
-    : request_(request), max_result_bytes_(max_result_bytes), sink_(sink) {
+ResultReader::ResultReader(const VoxelizeRequest& request, uint64_t max_result_bytes, ResultSink& sink, bool hashed,
+                           ReaderEvents events)
+    : request_(request), max_result_bytes_(max_result_bytes), sink_(sink), events_(std::move(events)) {
   if (hashed) hash_.emplace();
 }
 
 ResultReader::~ResultReader() = default;
+
+absl::Status ResultReader::Add(grpc::ByteBuffer& buffer) {
+  if (const std::span<const PieceView> pieces = viewer_.View(buffer); !pieces.empty()) return AddPieces(pieces);
+  v1::VoxelizeResponse message;
+  if (!grpc::SerializationTraits<v1::VoxelizeResponse>::Deserialize(&buffer, &message).ok()) {
+    return Lost("a message that cannot be read");
+  }
+  return Add(message);
+}
+
+// Any parts may come together, in the order of their fields. A message without any is that of a newer server.
+absl::Status ResultReader::Add(const v1::VoxelizeResponse& message) {
+  absl::Status s = absl::OkStatus();
+  if (message.has_plan()) s = AddPlan(message.plan());
+  if (s.ok() && message.has_progress()) s = AddProgress(message.progress());
+  if (s.ok() && message.has_header()) s = AddHeader(message.header());
+  if (s.ok() && message.pieces_size() > 0) {
+    std::vector<PieceView> pieces;
+    for (const v1::ResultPiece& piece : message.pieces()) pieces.emplace_back(piece);
+    s = AddPieces(pieces);
+  }
+  return s.ok() && message.has_summary() ? AddSummary(message.summary()) : s;
+}
+
+absl::Status ResultReader::AddPlan(const v1::VoxelizationPlan& message) {
+  if (std::exchange(has_plan_, true)) return Lost("a second plan");
+  if (has_header_) return Lost("a plan after the header");
+  const absl::StatusOr<Plan> plan = FromMessage(message);
+  if (!plan.ok()) return plan.status();
+  if (events_.on_plan) events_.on_plan(*plan);
+  return absl::OkStatus();
+}
+
+absl::Status ResultReader::AddProgress(const v1::Progress& message) {
+  if (has_summary_) return Lost("progress after the summary");
+  if (std::isnan(message.fraction())) return Lost("a progress that is no number");
+  if (events_.on_progress) events_.on_progress(message.stage(), message.fraction());
+  return absl::OkStatus();
+}
 
 absl::Status ResultReader::AddHeader(const v1::ResultHeader& message) {
   if (has_header_) return Lost("a second header");
@@ -66,8 +110,12 @@ absl::Status ResultReader::AddHeader(const v1::ResultHeader& message) {
   return sink_.Begin(*header);
 }
 
-absl::Status ResultReader::AddPiece(const v1::ResultPiece& piece) {
-  return AddPiece(PieceView(piece));
+absl::Status ResultReader::AddPieces(std::span<const PieceView> pieces) {
+  for (const PieceView& piece : pieces) {
+    if (absl::Status s = AddPiece(piece); !s.ok()) return s;
+  }
+  ReportDownload();
+  return absl::OkStatus();
 }
 
 absl::Status ResultReader::AddPiece(const PieceView& piece) {
@@ -80,13 +128,15 @@ absl::Status ResultReader::AddPiece(const PieceView& piece) {
     offset_ = 0;
   }
   if (array_ == array_bytes_.size()) return Lost("more bytes than announced");
-  if (piece.target != array_ || piece.offset != offset_) {
-    return Lost("a piece of array ", piece.target, " at offset ", piece.offset, ", expected was array ", array_, " at ",
+  // What is expected is never negative.
+  if (int64_t(piece.array) != int64_t(array_) || piece.offset != int64_t(offset_)) {
+    return Lost("a piece of array ", piece.array, " at offset ", piece.offset, ", expected was array ", array_, " at ",
                 offset_);
   }
-  const uint64_t raw_bytes = piece.raw_bytes != 0 ? piece.raw_bytes : data_bytes;
-  if (raw_bytes > array_bytes_[array_] - offset_ || (piece.raw_bytes != 0 && raw_bytes > kMaxRawBytes)) {
-    return Lost("a piece of ", raw_bytes, " bytes at offset ", offset_, " of array ", array_, ", which has ",
+  const bool frame = piece.uncompressed_bytes.has_value();
+  const int64_t bytes = piece.uncompressed_bytes.value_or(int64_t(data_bytes));
+  if (bytes < 1 || uint64_t(bytes) > array_bytes_[array_] - offset_ || (frame && bytes > kMaxFrameBytes)) {
+    return Lost("a piece of ", bytes, " bytes at offset ", offset_, " of array ", array_, ", which has ",
                 array_bytes_[array_]);
   }
   // Checks the whole piece before forwarding any of it: a piece stays in the CPU's cache meanwhile.
@@ -94,7 +144,7 @@ absl::Status ResultReader::AddPiece(const PieceView& piece) {
     return Lost("the CRC32C of the piece at offset ", offset_, " of array ", array_, " does not match its bytes");
   }
   out_.sent_bytes += data_bytes;
-  if (piece.raw_bytes != 0) return AddFrame(piece);
+  if (frame) return AddFrame(piece);
   for (const std::span<const uint8_t> part : piece.data) {
     if (absl::Status s = AddBytes(part); !s.ok()) return s;
   }
@@ -109,7 +159,7 @@ absl::Status ResultReader::AddFrame(const PieceView& piece) {
     for (const std::span<const uint8_t> part : piece.data) joined.insert(joined.end(), part.begin(), part.end());
     frame = joined;
   }
-  if (absl::Status s = DecompressFrame(frame, piece.raw_bytes, raw_); !s.ok()) return s;
+  if (absl::Status s = DecompressFrame(frame, uint64_t(*piece.uncompressed_bytes), raw_); !s.ok()) return s;
   return AddBytes(raw_);
 }
 
@@ -127,12 +177,13 @@ absl::Status ResultReader::AddSummary(const v1::Summary& summary) {
   if (hash_) {
     if (absl::Status s = CheckHash(summary.content_sha256()); !s.ok()) return s;
   }
-  out_.peak_bytes = summary.peak_bytes();
+  out_.peak_bytes = CountOf(summary.peak_bytes());
   out_.cached = summary.cached();
-  out_.report = FromMessage(summary.mesh());
-  out_.served = {summary.stats().worker(), summary.stats().queue_ms(), summary.stats().batch_jobs(), std::nullopt,
-                 summary.stats().attempts()};
-  if (summary.stats().has_batch_launches()) out_.served.batch_launches = summary.stats().batch_launches();
+  out_.report = FromMessage(summary.report());
+  out_.served = {summary.stats().worker(), MsOf(summary.stats().queue_time()),
+                 uint32_t(CountOf(summary.stats().batch_jobs())), std::nullopt,
+                 uint32_t(CountOf(summary.stats().attempts()))};
+  if (summary.stats().has_batch_launches()) out_.served.batch_launches = CountOf(summary.stats().batch_launches());
   VoxelizeStats stats = FromMessage(summary.stats());
   // The server reports load and flatten among its stages; here, as in-process, they are separate.
   const auto is_mesh_stage = [](const std::pair<std::string, double>& stage) {
@@ -157,10 +208,8 @@ absl::Status ResultReader::CheckHash(const std::string& announced) {
   return absl::OkStatus();
 }
 
-absl::Status ResultReader::AddWhole(const v1::WholeResult& message) {
-  absl::Status s = AddHeader(message.header());
-  for (int i = 0; s.ok() && i < message.pieces_size(); ++i) s = AddPiece(message.pieces(i));
-  return s.ok() ? AddSummary(message.summary()) : s;
+void ResultReader::ReportDownload() const {
+  if (events_.on_progress) events_.on_progress("download", double(received_bytes_) / double(total_bytes_));
 }
 
 absl::StatusOr<RemoteRun> ResultReader::Take() {

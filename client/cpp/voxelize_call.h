@@ -1,9 +1,9 @@
-// One Voxelize call: uploads and downloads at the same time.
+// One Voxelize or VoxelizeUpload call: uploads and downloads at the same time.
 #pragma once
 
 #include <cstdint>
 #include <functional>
-#include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "client.h"
 #include "raw_calls.h"
+#include "voxelpipe/v1/request.pb.h"
 
 namespace voxelpipe {
 
@@ -18,14 +19,21 @@ namespace voxelpipe {
 struct MeshSource {
   std::span<const uint8_t> bytes;  // the file, or the new positions
   MeshFileType type;
-  std::string mesh_id;  // empty: a file
+  std::optional<std::string> stored;  // the name; absent: a file
 
-  static MeshSource File(std::span<const uint8_t> bytes, MeshFileType type) { return {bytes, type, {}}; }
-  static MeshSource Stored(std::string mesh_id, std::span<const float> new_positions) {
-    return {
-        {reinterpret_cast<const uint8_t*>(new_positions.data()), new_positions.size_bytes()}, {}, std::move(mesh_id)};
+  static MeshSource File(std::span<const uint8_t> bytes, MeshFileType type) { return {bytes, type, std::nullopt}; }
+  static MeshSource Stored(std::string name, std::span<const float> new_positions) {
+    return {{reinterpret_cast<const uint8_t*>(new_positions.data()), new_positions.size_bytes()}, {}, std::move(name)};
   }
 };
+
+// INVALID_ARGUMENT, as in-process, for a request that messages cannot express: without targets, which in messages means
+// one bit target, or with a grid in none of its four forms (the errors of CheckGridRequest).
+absl::Status CheckSendable(const VoxelizeRequest& request);
+
+// In: an empty message. Out: the mesh with all of its bytes and their CRC-32C, or without them.
+void WriteWithBytes(const MeshSource& mesh, v1::MeshSource& message);
+void WriteWithoutBytes(const MeshSource& mesh, v1::MeshSource& message);
 
 // See Client::VoxelizeTo. `target` names the server in errors.
 absl::StatusOr<RemoteRun> CallVoxelizeTo(const RawCalls& calls, const std::string& target, uint64_t max_result_bytes,

@@ -18,6 +18,11 @@ PROTOS = (
     "google/rpc/status.proto",
     "google/rpc/error_details.proto",
     "voxelpipe/v1/types.proto",
+    "voxelpipe/v1/error.proto",
+    "voxelpipe/v1/request.proto",
+    "voxelpipe/v1/result.proto",
+    "voxelpipe/v1/mesh.proto",
+    "voxelpipe/v1/server_info.proto",
     "voxelpipe/v1/voxelization_service.proto",
 )
 PACKAGE = "voxelpipe._proto"

@@ -30,46 +30,6 @@ absl::Status Invalid(const std::string& field, const std::string& why) {
   return absl::InvalidArgumentError(absl::StrCat("grid.", field, ": ", why));
 }
 
-absl::Status CheckRequest(const GridRequest& request) {
-  if (!request.voxel_size && !request.dims) {
-    if (request.resolution < 1) return Invalid("resolution", "must be at least 1");
-    if (request.resolution > kMaxGridDim) {
-      return absl::ResourceExhaustedError(
-          absl::StrCat("grid.resolution: ", request.resolution, " is beyond ", kMaxGridDim, " voxels an axis"));
-    }
-  }
-  if (request.padding < 0) return Invalid("padding", "must not be negative");
-  if (request.padding > kMaxGridDim) return Invalid("padding", absl::StrCat("must be at most ", kMaxGridDim));
-  if (request.voxel_size) {
-    for (int a = 0; a < 3; ++a) {
-      if (!FinitePositive((*request.voxel_size)[a])) return Invalid("voxel_size", "must be finite and positive");
-    }
-  }
-  if (request.dims) {
-    for (const int64_t dim : *request.dims) {
-      if (dim < 1) return Invalid("dims", "every axis needs at least 1 voxel");
-    }
-    if (request.origin && !request.voxel_size) {
-      return Invalid("voxel_size", "a grid given by dims and origin needs a voxel size");
-    }
-    if (request.voxel_size && !request.origin) {
-      return Invalid("origin",
-                     "a grid given by dims and a voxel size needs an origin; dims alone are fitted to the mesh");
-    }
-  }
-  if (request.fit == GridFit::kCube && (request.voxel_size || request.dims)) {
-    return Invalid(
-        "fit", absl::StrCat("a cube goes with a resolution, not with ", request.voxel_size ? "a voxel size" : "dims"));
-  }
-  if (request.origin) {
-    if (!request.dims) return Invalid("dims", "an origin is given together with dims and a voxel size");
-    for (int a = 0; a < 3; ++a) {
-      if (!std::isfinite((*request.origin)[a])) return Invalid("origin", "must be finite");
-    }
-  }
-  return absl::OkStatus();
-}
-
 // Number of voxels as an integer, saturated far above every limit, so that the check below rejects it.
 int64_t CeilToDim(double voxels, double slack) {
   return static_cast<int64_t>(std::clamp(std::ceil(voxels - slack), 1.0, double(kManyVoxels)));
@@ -127,6 +87,46 @@ void Center(const Box3d& box, const Vec3d& extent, GridSpec& grid) {
 
 }  // namespace
 
+absl::Status CheckGridRequest(const GridRequest& request) {
+  if (!request.voxel_size && !request.dims) {
+    if (request.resolution < 1) return Invalid("resolution", "must be at least 1");
+    if (request.resolution > kMaxGridDim) {
+      return absl::ResourceExhaustedError(
+          absl::StrCat("grid.resolution: ", request.resolution, " is beyond ", kMaxGridDim, " voxels an axis"));
+    }
+  }
+  if (request.padding < 0) return Invalid("padding", "must not be negative");
+  if (request.padding > kMaxGridDim) return Invalid("padding", absl::StrCat("must be at most ", kMaxGridDim));
+  if (request.voxel_size) {
+    for (int a = 0; a < 3; ++a) {
+      if (!FinitePositive((*request.voxel_size)[a])) return Invalid("voxel_size", "must be finite and positive");
+    }
+  }
+  if (request.dims) {
+    for (const int64_t dim : *request.dims) {
+      if (dim < 1) return Invalid("dims", "every axis needs at least 1 voxel");
+    }
+    if (request.origin && !request.voxel_size) {
+      return Invalid("voxel_size", "a grid given by dims and origin needs a voxel size");
+    }
+    if (request.voxel_size && !request.origin) {
+      return Invalid("origin",
+                     "a grid given by dims and a voxel size needs an origin; dims alone are fitted to the mesh");
+    }
+  }
+  if (request.fit == GridFit::kCube && (request.voxel_size || request.dims)) {
+    return Invalid(
+        "fit", absl::StrCat("a cube goes with a resolution, not with ", request.voxel_size ? "a voxel size" : "dims"));
+  }
+  if (request.origin) {
+    if (!request.dims) return Invalid("dims", "an origin is given together with dims and a voxel size");
+    for (int a = 0; a < 3; ++a) {
+      if (!std::isfinite((*request.origin)[a])) return Invalid("origin", "must be finite");
+    }
+  }
+  return absl::OkStatus();
+}
+
 Mat4d GridSpec::index_to_world() const {
   Mat4d m;
   for (int a = 0; a < 3; ++a) {
@@ -137,7 +137,7 @@ Mat4d GridSpec::index_to_world() const {
 }
 
 absl::StatusOr<GridSpec> FitGrid(const GridRequest& request, const Box3d& box) {
-  if (absl::Status s = CheckRequest(request); !s.ok()) return s;
+  if (absl::Status s = CheckGridRequest(request); !s.ok()) return s;
   GridSpec grid;
   if (request.given()) {
     grid.dims = *request.dims;

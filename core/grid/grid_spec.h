@@ -60,6 +60,9 @@ struct Box3d {
 
 inline constexpr int64_t kMaxGridDim = int64_t{1} << 20;  // voxels an axis
 
+// OK if FitGrid takes the request for every mesh that is not too large for it. Errors: as of FitGrid.
+absl::Status CheckGridRequest(const GridRequest& request);
+
 // In: a request and the box of the vertices that triangles use, after the vertex shader, in world units.
 // Out: the grid. `tight` gives axes of the longest extent L exactly N voxels, h = L/N, the others
 // max(1, ceil(extent/L*N - slack)). `dims` alone gives cubic voxels of h = max(extent/dim) and centres the box; `cube`

@@ -319,6 +319,11 @@ int OwnComponents(const TargetSpec& target) {
   return info == nullptr ? 1 : info->output_components;
 }
 
+double OwnScale(VoxelFormat format, const ShaderInfo& shader) {
+  if (!shader.is_color) return 1;
+  return format == VoxelFormat::kU8 ? 255 : format == VoxelFormat::kU16 ? 65535 : 1;
+}
+
 TextureUse TexturesRead(const VoxelizeRequest& request) {
   ShaderTraits traits;
   for (const TargetSpec& target : request.targets) {

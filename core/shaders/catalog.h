@@ -66,6 +66,8 @@ absl::StatusOr<BoundShader> BindShader(ShaderStage stage, const ShaderCall& call
 // The components of a target for which the request gives no number: the shader's; 1 for the format bit, the blend
 // count, and an unknown shader.
 int OwnComponents(const TargetSpec& target);
+// The scale of a target of this format for which the request gives none: colours fill the range of 8 and 16 bits.
+double OwnScale(VoxelFormat format, const ShaderInfo& shader);
 
 // The textures that the targets' shaders sample: LoadRequest::textures of a mesh that is loaded for this request.
 TextureUse TexturesRead(const VoxelizeRequest& request);

@@ -10,6 +10,9 @@ namespace voxelpipe {
 enum class Priority : uint8_t { kHigh, kNormal, kLow };
 enum class Compression : uint8_t { kNone, kZstd };  // of the pieces of a result
 
+// The largest result that a server sends in one message.
+inline constexpr int64_t kMaxSingleMessageBytes = 1 << 20;
+
 struct CallSettings {
   Compression compression = Compression::kNone;
   Priority priority = Priority::kNormal;
@@ -18,6 +21,8 @@ struct CallSettings {
   // True if the summary carries the SHA-256 of the whole result. Every piece has a CRC-32C in any case, at a tenth of
   // the cost.
   bool content_hash = true;
+  // A result of at most so many bytes comes in one message. Absent: the server's maximum, kMaxSingleMessageBytes.
+  std::optional<int64_t> single_message_bytes;
 };
 
 }  // namespace voxelpipe

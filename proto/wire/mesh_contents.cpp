@@ -3,6 +3,9 @@
 #include <algorithm>
 
 #include "base/text.h"
+#include "wire/count.h"
+#include "wire/duration.h"
+#include "wire/request.h"
 
 namespace voxelpipe {
 namespace {
@@ -13,41 +16,41 @@ constexpr size_t kMaxAttributes = 256, kMaxNameBytes = 256;
 
 v1::MeshContents ToMessage(const MeshContents& contents, const std::vector<std::pair<std::string, double>>& stages) {
   v1::MeshContents message;
-  message.set_format(contents.format);
+  message.set_format(MeshFormatNamed(contents.format));
   message.set_unit(contents.unit);
-  message.set_file_bytes(contents.file_bytes);
-  message.set_nodes(contents.nodes);
-  message.set_meshes(contents.meshes);
-  message.set_parts(contents.parts);
-  message.set_materials(contents.materials);
-  message.set_textures(contents.textures);
-  message.set_images(contents.images);
+  message.set_file_bytes(int64_t(contents.file_bytes));
+  message.set_nodes(int64_t(contents.nodes));
+  message.set_meshes(int64_t(contents.meshes));
+  message.set_parts(int64_t(contents.parts));
+  message.set_materials(int64_t(contents.materials));
+  message.set_textures(int64_t(contents.textures));
+  message.set_images(int64_t(contents.images));
   for (size_t i = 0; i < std::min(kMaxAttributes, contents.attributes.size()); ++i) {
     v1::MeshAttribute* attribute = message.add_attributes();
     attribute->set_name(CleanText(contents.attributes[i].name, kMaxNameBytes));
-    attribute->set_components(uint32_t(contents.attributes[i].components));
+    attribute->set_components(contents.attributes[i].components);
   }
   for (const auto& [stage, ms] : stages) {
     v1::StageTime* time = message.add_stages();
     time->set_stage(stage);
-    time->set_milliseconds(ms);
+    WriteMs(ms, *time->mutable_time());
   }
   return message;
 }
 
 MeshContents FromMessage(const v1::MeshContents& message) {
   MeshContents contents;
-  contents.format = message.format();
+  contents.format = NameOf(message.format());
   contents.unit = message.unit();
-  contents.file_bytes = message.file_bytes();
-  contents.nodes = message.nodes();
-  contents.meshes = message.meshes();
-  contents.parts = message.parts();
-  contents.materials = message.materials();
-  contents.textures = message.textures();
-  contents.images = message.images();
+  contents.file_bytes = CountOf(message.file_bytes());
+  contents.nodes = CountOf(message.nodes());
+  contents.meshes = CountOf(message.meshes());
+  contents.parts = CountOf(message.parts());
+  contents.materials = CountOf(message.materials());
+  contents.textures = CountOf(message.textures());
+  contents.images = CountOf(message.images());
   for (const v1::MeshAttribute& attribute : message.attributes()) {
-    contents.attributes.push_back({attribute.name(), int(attribute.components())});
+    contents.attributes.push_back({attribute.name(), attribute.components()});
   }
   return contents;
 }

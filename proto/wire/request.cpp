@@ -1,11 +1,14 @@
 #include "wire/request.h"
 
 #include <algorithm>
+#include <array>
+#include <chrono>
 #include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "shaders/catalog.h"
+#include "wire/duration.h"
 
 namespace voxelpipe {
 namespace {
@@ -88,6 +91,22 @@ Message WriteEnum(const Pair<Message, Core> (&pairs)[N], Core core) {
   return pairs[0].message;
 }
 
+template <typename Message, typename Core, size_t N>
+std::string_view NameIn(const Pair<Message, Core> (&pairs)[N], Message message) {
+  for (const auto& pair : pairs) {
+    if (pair.message == message) return Name(pair.core);
+  }
+  return "";
+}
+
+template <typename Message, typename Core, size_t N>
+Message Named(const Pair<Message, Core> (&pairs)[N], std::string_view name) {
+  for (const auto& pair : pairs) {
+    if (Name(pair.core) == name) return pair.message;
+  }
+  return Message(0);
+}
+
 Vec3d ReadVec(const v1::Vec3& v) {
   return {v.x(), v.y(), v.z()};
 }
@@ -98,19 +117,54 @@ void WriteVec(const Vec3d& v, v1::Vec3* out) {
   out->set_z(v.z);
 }
 
+std::array<int64_t, 3> ReadDims(const v1::Dims& dims) {
+  return {dims.x(), dims.y(), dims.z()};
+}
+
+void WriteDims(const std::array<int64_t, 3>& dims, v1::Dims* out) {
+  out->set_x(dims[0]);
+  out->set_y(dims[1]);
+  out->set_z(dims[2]);
+}
+
 absl::Status ReadGrid(const v1::GridRequest& in, GridRequest& out) {
-  if (in.has_resolution()) {
-    if (in.has_voxel_size()) return Invalid("grid.resolution", "cannot be given together with voxel_size");
-    if (in.has_dims() || in.has_origin())
-      return Invalid("grid.resolution", "cannot be given together with dims or origin");
-    out.resolution = in.resolution();
-  }
-  if (absl::Status s = ReadEnum(kFits, in.fit(), "grid.fit", out.fit); !s.ok()) return s;
-  if (in.has_voxel_size()) out.voxel_size = ReadVec(in.voxel_size());
-  if (in.has_dims()) out.dims = {in.dims().x(), in.dims().y(), in.dims().z()};
-  if (in.has_origin()) out.origin = ReadVec(in.origin());
   out.padding = in.padding();
+  switch (in.form_case()) {
+    case v1::GridRequest::kResolution:
+      if (in.resolution().has_voxels()) out.resolution = in.resolution().voxels();
+      return ReadEnum(kFits, in.resolution().fit(), "grid.fit", out.fit);
+    case v1::GridRequest::kVoxelSize: out.voxel_size = ReadVec(in.voxel_size()); break;
+    case v1::GridRequest::kDims: out.dims = ReadDims(in.dims()); break;
+    case v1::GridRequest::kPlacement: {
+      const v1::GridPlacement& placement = in.placement();
+      if (!placement.has_dims() || !placement.has_origin() || !placement.has_voxel_size()) {
+        return Invalid("grid.placement", "dims, origin and voxel_size are needed together");
+      }
+      out.dims = ReadDims(placement.dims());
+      out.origin = ReadVec(placement.origin());
+      out.voxel_size = ReadVec(placement.voxel_size());
+      break;
+    }
+    case v1::GridRequest::FORM_NOT_SET: break;
+  }
   return absl::OkStatus();
+}
+
+void WriteGrid(const GridRequest& in, v1::GridRequest& out) {
+  out.set_padding(in.padding);
+  if (in.given()) {
+    v1::GridPlacement& placement = *out.mutable_placement();
+    WriteDims(*in.dims, placement.mutable_dims());
+    WriteVec(*in.origin, placement.mutable_origin());
+    WriteVec(*in.voxel_size, placement.mutable_voxel_size());
+  } else if (in.dims) {
+    WriteDims(*in.dims, out.mutable_dims());
+  } else if (in.voxel_size) {
+    WriteVec(*in.voxel_size, out.mutable_voxel_size());
+  } else {
+    out.mutable_resolution()->set_voxels(in.resolution);
+    out.mutable_resolution()->set_fit(WriteEnum(kFits, in.fit));
+  }
 }
 
 absl::Status ReadShader(const v1::ShaderCall& in, const std::string& field, ShaderCall& out) {
@@ -121,12 +175,11 @@ absl::Status ReadShader(const v1::ShaderCall& in, const std::string& field, Shad
     if (out.parameters.contains(parameter.name()) || out.text.contains(parameter.name())) {
       return Invalid(field, absl::StrCat("parameter '", parameter.name(), "' is given twice"));
     }
-    if (!parameter.has_text()) {
-      out.parameters[parameter.name()] = {parameter.values().begin(), parameter.values().end()};
-    } else if (parameter.values().empty()) {
+    if (parameter.has_text()) {
       out.text[parameter.name()] = parameter.text();
     } else {
-      return Invalid(field, absl::StrCat("parameter '", parameter.name(), "' is given as text and as numbers"));
+      const auto& values = parameter.numbers().values();
+      out.parameters[parameter.name()] = {values.begin(), values.end()};
     }
   }
   return absl::OkStatus();
@@ -137,7 +190,7 @@ void WriteShader(const ShaderCall& in, v1::ShaderCall* out) {
   for (const auto& [name, values] : in.parameters) {
     v1::ShaderParameter* parameter = out->add_parameters();
     parameter->set_name(name);
-    parameter->mutable_values()->Add(values.begin(), values.end());
+    parameter->mutable_numbers()->mutable_values()->Add(values.begin(), values.end());
   }
   for (const auto& [name, text] : in.text) {
     v1::ShaderParameter* parameter = out->add_parameters();
@@ -159,36 +212,68 @@ absl::Status ReadTarget(const v1::RenderTarget& in, const std::string& field, Ta
   out.components = in.has_components() ? in.components() : OwnComponents(out);
   if (in.has_quantum()) out.quantum = in.quantum();
   if (in.has_scale()) out.scale = in.scale();
-  out.clear = in.clear();
-  if (in.has_fill_value() && in.fill_values_size() > 0) {
-    return Invalid(field + ".fill_values", "cannot be given together with fill_value");
-  }
-  if (in.has_fill_value()) out.fill_values = {in.fill_value()};
-  if (in.fill_values_size() > 0) out.fill_values = {in.fill_values().begin(), in.fill_values().end()};
+  if (in.has_clear()) out.clear = in.clear();
+  out.fill_values = {in.fill().begin(), in.fill().end()};
   return ReadEnum(kEncodings, in.encoding(), field + ".encoding", out.encoding);
 }
 
-absl::Status ReadSettings(const v1::VoxelizeConfig& in, CallSettings& out) {
-  absl::Status s = ReadEnum(kCompressions, in.compression(), "compression", out.compression);
-  if (s.ok()) s = ReadEnum(kPriorities, in.priority(), "priority", out.priority);
+void WriteTarget(const TargetSpec& in, v1::RenderTarget& out) {
+  out.set_format(WriteEnum(kFormats, in.format));
+  out.set_components(in.components);
+  out.set_blend(WriteEnum(kBlends, in.blend));
+  WriteShader(in.shader, out.mutable_shader());
+  out.set_quantum(in.quantum);
+  if (in.scale) out.set_scale(*in.scale);
+  out.set_clear(in.clear);
+  out.mutable_fill()->Add(in.fill_values.begin(), in.fill_values.end());
+  out.set_encoding(WriteEnum(kEncodings, in.encoding));
+}
+
+absl::Status ReadSpec(const v1::VoxelizeSpec& in, ParsedConfig& out) {
+  VoxelizeRequest& request = out.request;
+  absl::Status s = ReadGrid(in.grid(), request.grid);
+  if (s.ok()) s = ReadEnum(kCoverages, in.coverage(), "coverage", request.coverage);
+  if (s.ok()) s = ReadEnum(kFills, in.fill(), "fill", request.fill);
+  if (s.ok()) s = ReadEnum(kLayouts, in.layout(), "layout", request.layout);
+  if (s.ok()) s = ReadEnum(kResults, in.result(), "result", request.result);
+  if (s.ok() && in.has_vertex_shader()) s = ReadShader(in.vertex_shader(), "vertex_shader", request.vertex_shader);
   if (!s.ok()) return s;
-  if (in.has_fallback()) out.fallback = in.fallback();
-  if (in.has_queue_timeout_ms()) {
-    if (in.queue_timeout_ms() < 0) return Invalid("queue_timeout_ms", "must not be negative");
-    // At most a year, so that no sum of times overflows.
-    constexpr int64_t kMaxMs = int64_t{365} * 24 * 3600 * 1000;
-    out.queue_timeout = std::chrono::milliseconds(std::min(in.queue_timeout_ms(), kMaxMs));
+  request.strict = in.strict();
+  if (in.targets_size() > kMaxTargets) {
+    return Invalid("targets", absl::StrCat("at most ", kMaxTargets, " are possible, ", in.targets_size(), " given"));
   }
-  out.content_hash = !in.without_content_hash();
+  out.default_targets = in.targets_size() == 0;
+  out.default_result = in.result() == v1::RESULT_KIND_UNSPECIFIED;
+  if (in.targets_size() > 0) request.targets.assign(size_t(in.targets_size()), TargetSpec{});
+  for (int i = 0; i < in.targets_size(); ++i) {
+    s = ReadTarget(in.targets(i), absl::StrCat("targets[", i, "]"), request.targets[size_t(i)]);
+    if (!s.ok()) return s;
+  }
   return absl::OkStatus();
 }
 
-void WriteSettings(const CallSettings& in, v1::VoxelizeConfig& out) {
-  if (in.compression != Compression::kNone) out.set_compression(WriteEnum(kCompressions, in.compression));
-  if (in.priority != Priority::kNormal) out.set_priority(WriteEnum(kPriorities, in.priority));
-  if (in.fallback) out.set_fallback(*in.fallback);
-  if (in.queue_timeout) out.set_queue_timeout_ms(in.queue_timeout->count());
-  out.set_without_content_hash(!in.content_hash);
+absl::Status ReadExecution(const v1::Execution& in, ParsedConfig& out) {
+  absl::Status s = ReadEnum(kBackends, in.backend(), "backend", out.request.backend);
+  if (s.ok()) s = ReadEnum(kSimds, in.simd(), "simd", out.request.simd);
+  if (s.ok()) s = ReadEnum(kPriorities, in.priority(), "priority", out.settings.priority);
+  if (!s.ok()) return s;
+  if (in.has_fallback()) out.settings.fallback = in.fallback();
+  if (in.has_queue_timeout()) {
+    const absl::StatusOr<std::chrono::milliseconds> time = ReadTimeout(in.queue_timeout(), "queue_timeout");
+    if (!time.ok()) return time.status();
+    out.settings.queue_timeout = *time;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ReadDelivery(const v1::Delivery& in, CallSettings& out) {
+  if (absl::Status s = ReadEnum(kCompressions, in.compression(), "compression", out.compression); !s.ok()) return s;
+  if (in.has_content_hash()) out.content_hash = in.content_hash();
+  if (in.has_single_message_bytes()) {
+    if (in.single_message_bytes() < 0) return Invalid("single_message_bytes", "must not be negative");
+    out.single_message_bytes = in.single_message_bytes();
+  }
+  return absl::OkStatus();
 }
 
 }  // namespace
@@ -201,95 +286,131 @@ v1::LengthUnit ToMessage(LengthUnit unit) {
   return WriteEnum(kUnits, unit);
 }
 
+v1::Backend ToMessage(BackendChoice backend) {
+  return WriteEnum(kBackends, backend);
+}
+
+v1::Simd ToMessage(SimdChoice simd) {
+  return WriteEnum(kSimds, simd);
+}
+
+v1::Layout ToMessage(Layout layout) {
+  return WriteEnum(kLayouts, layout);
+}
+
+v1::ResultKind ToMessage(ResultKind kind) {
+  return WriteEnum(kResults, kind);
+}
+
+std::string_view NameOf(v1::Backend backend) {
+  return NameIn(kBackends, backend);
+}
+
+std::string_view NameOf(v1::Simd simd) {
+  return NameIn(kSimds, simd);
+}
+
+std::string_view NameOf(v1::MeshFormat format) {
+  return NameIn(kMeshFormats, format);
+}
+
+v1::Backend BackendNamed(std::string_view name) {
+  return Named(kBackends, name);
+}
+
+v1::Simd SimdNamed(std::string_view name) {
+  return Named(kSimds, name);
+}
+
+v1::MeshFormat MeshFormatNamed(std::string_view name) {
+  return Named(kMeshFormats, name);
+}
+
 absl::StatusOr<MeshFileType> ParseMeshType(v1::MeshFormat format, v1::LengthUnit unit, const std::string& prefix) {
   MeshFileType parsed;
-  absl::Status s = ReadEnum(kMeshFormats, format, prefix + "mesh_format", parsed.format);
-  if (s.ok()) s = ReadEnum(kUnits, unit, prefix + "mesh_unit", parsed.unit);
+  absl::Status s = ReadEnum(kMeshFormats, format, prefix + "format", parsed.format);
+  if (s.ok()) s = ReadEnum(kUnits, unit, prefix + "unit", parsed.unit);
   if (!s.ok()) return s;
   return parsed;
 }
 
-absl::StatusOr<ParsedConfig> ParseConfig(const v1::VoxelizeConfig& config) {
-  ParsedConfig parsed;
-  VoxelizeRequest& request = parsed.request;
-  const absl::StatusOr<MeshFileType> type = ParseMeshType(config.mesh_format(), config.mesh_unit());
+absl::Status ParseMesh(const v1::MeshSource& mesh, ParsedConfig& out) {
+  if (mesh.has_stored()) {
+    if (mesh.stored().name().empty()) return Invalid("mesh.stored.name", "is empty");
+    out.mesh_name = mesh.stored().name();
+    out.new_positions = mesh.stored().has_positions();
+    return absl::OkStatus();
+  }
+  const absl::StatusOr<MeshFileType> type = ParseMeshType(mesh.bytes().format(), mesh.bytes().unit(), "mesh.bytes.");
   if (!type.ok()) return type.status();
-  parsed.mesh_type = *type;
-  absl::Status s;
-  if (type->unit != LengthUnit::kNone && !config.mesh_id().empty()) {
-    s = Invalid("mesh_unit", "a stored mesh has that of its upload; leave it out");
-  }
-  if (s.ok()) s = ReadGrid(config.grid(), request.grid);
-  if (s.ok()) s = ReadEnum(kCoverages, config.coverage(), "coverage", request.coverage);
-  if (s.ok()) s = ReadEnum(kFills, config.fill(), "fill", request.fill);
-  if (s.ok()) s = ReadEnum(kLayouts, config.layout(), "layout", request.layout);
-  if (s.ok()) s = ReadEnum(kBackends, config.backend(), "backend", request.backend);
-  if (s.ok()) s = ReadEnum(kResults, config.result(), "result", request.result);
-  if (s.ok()) s = ReadEnum(kSimds, config.simd(), "simd", request.simd);
-  if (s.ok()) s = ReadSettings(config, parsed.settings);
-  if (s.ok() && config.new_positions() && config.mesh_id().empty()) s = Invalid("new_positions", "of which mesh_id?");
-  request.strict = config.strict();
-  parsed.mesh_id = config.mesh_id();
-  parsed.new_positions = config.new_positions();
-  if (s.ok() && config.has_vertex_shader())
-    s = ReadShader(config.vertex_shader(), "vertex_shader", request.vertex_shader);
+  out.mesh_type = *type;
+  return absl::OkStatus();
+}
+
+absl::StatusOr<ParsedConfig> ParseRequest(const v1::VoxelizeRequest& request) {
+  ParsedConfig parsed;
+  absl::Status s = ParseMesh(request.mesh(), parsed);
+  if (s.ok()) s = ReadSpec(request.spec(), parsed);
+  if (s.ok()) s = ReadExecution(request.execution(), parsed);
+  if (s.ok()) s = ReadDelivery(request.delivery(), parsed.settings);
   if (!s.ok()) return s;
-  if (config.targets_size() > kMaxTargets) {
-    return Invalid("targets",
-                   absl::StrCat("at most ", kMaxTargets, " are possible, ", config.targets_size(), " given"));
-  }
-  parsed.default_targets = config.targets_size() == 0;
-  parsed.default_result = config.result() == v1::RESULT_KIND_UNSPECIFIED;
-  if (config.targets_size() > 0) request.targets.assign(size_t(config.targets_size()), TargetSpec{});
-  for (int i = 0; i < config.targets_size(); ++i) {
-    s = ReadTarget(config.targets(i), absl::StrCat("targets[", i, "]"), request.targets[size_t(i)]);
-    if (!s.ok()) return s;
-  }
   return parsed;
 }
 
-v1::VoxelizeConfig MakeConfig(const VoxelizeRequest& request, MeshFileType mesh_type, const CallSettings& settings) {
-  v1::VoxelizeConfig config;
-  config.set_mesh_format(ToMessage(mesh_type.format));
-  config.set_mesh_unit(ToMessage(mesh_type.unit));
-  v1::GridRequest* grid = config.mutable_grid();
-  if (!request.grid.voxel_size && !request.grid.dims && !request.grid.origin)
-    grid->set_resolution(request.grid.resolution);
-  grid->set_fit(WriteEnum(kFits, request.grid.fit));
-  if (request.grid.voxel_size) WriteVec(*request.grid.voxel_size, grid->mutable_voxel_size());
-  if (request.grid.dims) {
-    grid->mutable_dims()->set_x((*request.grid.dims)[0]);
-    grid->mutable_dims()->set_y((*request.grid.dims)[1]);
-    grid->mutable_dims()->set_z((*request.grid.dims)[2]);
-  }
-  if (request.grid.origin) WriteVec(*request.grid.origin, grid->mutable_origin());
-  grid->set_padding(request.grid.padding);
-  config.set_coverage(WriteEnum(kCoverages, request.coverage));
-  config.set_fill(WriteEnum(kFills, request.fill));
-  config.set_layout(WriteEnum(kLayouts, request.layout));
-  config.set_backend(WriteEnum(kBackends, request.backend));
-  config.set_result(WriteEnum(kResults, request.result));
-  config.set_simd(WriteEnum(kSimds, request.simd));
-  WriteShader(request.vertex_shader, config.mutable_vertex_shader());
-  for (const TargetSpec& spec : request.targets) {
-    v1::RenderTarget* target = config.add_targets();
-    target->set_format(WriteEnum(kFormats, spec.format));
-    target->set_components(spec.components);
-    target->set_blend(WriteEnum(kBlends, spec.blend));
-    WriteShader(spec.shader, target->mutable_shader());
-    target->set_quantum(spec.quantum);
-    if (spec.scale) target->set_scale(*spec.scale);
-    target->set_clear(spec.clear);
-    if (spec.fill_values.size() == 1) {
-      target->set_fill_value(spec.fill_values[0]);
-    } else {
-      target->mutable_fill_values()->Add(spec.fill_values.begin(), spec.fill_values.end());
-    }
-    if (spec.encoding != Encoding::kLinear) target->set_encoding(WriteEnum(kEncodings, spec.encoding));
-  }
-  config.set_strict(request.strict);
-  WriteSettings(settings, config);
-  return config;
+absl::StatusOr<ParsedConfig> ParseRequest(const v1::VoxelizeSpec& spec, const v1::Execution& execution) {
+  ParsedConfig parsed;
+  absl::Status s = ReadSpec(spec, parsed);
+  if (s.ok()) s = ReadExecution(execution, parsed);
+  if (!s.ok()) return s;
+  return parsed;
+}
+
+void WriteTo(const VoxelizeRequest& request, v1::VoxelizeSpec& spec) {
+  WriteGrid(request.grid, *spec.mutable_grid());
+  spec.set_coverage(WriteEnum(kCoverages, request.coverage));
+  spec.set_fill(WriteEnum(kFills, request.fill));
+  WriteShader(request.vertex_shader, spec.mutable_vertex_shader());
+  for (const TargetSpec& target : request.targets) WriteTarget(target, *spec.add_targets());
+  spec.set_layout(WriteEnum(kLayouts, request.layout));
+  spec.set_result(WriteEnum(kResults, request.result));
+  spec.set_strict(request.strict);
+}
+
+v1::VoxelizeSpec MakeSpec(const VoxelizeRequest& request) {
+  v1::VoxelizeSpec spec;
+  WriteTo(request, spec);
+  return spec;
+}
+
+v1::Execution MakeExecution(const VoxelizeRequest& request, const CallSettings& settings) {
+  v1::Execution out;
+  out.set_backend(WriteEnum(kBackends, request.backend));
+  out.set_simd(WriteEnum(kSimds, request.simd));
+  if (settings.priority != Priority::kNormal) out.set_priority(WriteEnum(kPriorities, settings.priority));
+  if (settings.queue_timeout) WriteTo(*settings.queue_timeout, *out.mutable_queue_timeout());
+  if (settings.fallback) out.set_fallback(*settings.fallback);
+  return out;
+}
+
+v1::Delivery MakeDelivery(const CallSettings& settings) {
+  v1::Delivery out;
+  if (settings.compression != Compression::kNone) out.set_compression(WriteEnum(kCompressions, settings.compression));
+  if (!settings.content_hash) out.set_content_hash(false);
+  if (settings.single_message_bytes) out.set_single_message_bytes(*settings.single_message_bytes);
+  return out;
+}
+
+v1::VoxelizeRequest MakeRequest(const VoxelizeRequest& request, const CallSettings& settings) {
+  v1::VoxelizeRequest out;
+  WriteTo(request, *out.mutable_spec());
+  *out.mutable_execution() = MakeExecution(request, settings);
+  *out.mutable_delivery() = MakeDelivery(settings);
+  return out;
+}
+
+void WriteTo(const MeshFileType& type, v1::MeshBytes& message) {
+  message.set_format(ToMessage(type.format));
+  message.set_unit(ToMessage(type.unit));
 }
 
 }  // namespace voxelpipe

@@ -2,10 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "base/text.h"
+#include "wire/count.h"
+#include "wire/duration.h"
+#include "wire/request.h"
 
 namespace voxelpipe {
 namespace {
@@ -24,19 +29,6 @@ absl::Status Broken(const std::string& what) {
   return absl::DataLossError(absl::StrCat("the server's answer: ", what));
 }
 
-v1::Layout ToMessage(Layout layout) {
-  return layout == Layout::kInterleaved ? v1::LAYOUT_INTERLEAVED : v1::LAYOUT_PLANAR;
-}
-
-v1::ResultKind ToMessage(ResultKind kind) {
-  switch (kind) {
-    case ResultKind::kDense: return v1::RESULT_KIND_DENSE;
-    case ResultKind::kSparse: return v1::RESULT_KIND_SPARSE;
-    case ResultKind::kBuckets: return v1::RESULT_KIND_BUCKETS;
-  }
-  return v1::RESULT_KIND_UNSPECIFIED;
-}
-
 v1::ElementType ToMessage(ElementType type) {
   switch (type) {
     case ElementType::kBit: return v1::ELEMENT_TYPE_BIT;
@@ -48,6 +40,31 @@ v1::ElementType ToMessage(ElementType type) {
     case ElementType::kF32: return v1::ELEMENT_TYPE_F32;
   }
   return v1::ELEMENT_TYPE_UNSPECIFIED;
+}
+
+// What the catalog calls them.
+constexpr std::pair<v1::ShaderParameterType, std::string_view> kParameterTypes[] = {
+    {v1::SHADER_PARAMETER_TYPE_FLOAT, "float"},  {v1::SHADER_PARAMETER_TYPE_FLOATS, "floats"},
+    {v1::SHADER_PARAMETER_TYPE_VEC3, "vec3"},    {v1::SHADER_PARAMETER_TYPE_VEC4, "vec4"},
+    {v1::SHADER_PARAMETER_TYPE_MAT4, "mat4"},    {v1::SHADER_PARAMETER_TYPE_UINT, "uint"},
+    {v1::SHADER_PARAMETER_TYPE_STRING, "string"}};
+constexpr std::pair<v1::ElementType, std::string_view> kOutputTypes[] = {
+    {v1::ELEMENT_TYPE_UNSPECIFIED, "position"}, {v1::ELEMENT_TYPE_F32, "f32"}, {v1::ELEMENT_TYPE_U32, "u32"}};
+
+template <typename Enum, size_t N>
+Enum Named(const std::pair<Enum, std::string_view> (&names)[N], std::string_view name) {
+  for (const auto& [value, known] : names) {
+    if (known == name) return value;
+  }
+  return Enum(0);
+}
+
+template <typename Enum, size_t N>
+std::string NameOf(const std::pair<Enum, std::string_view> (&names)[N], Enum value) {
+  for (const auto& [known, name] : names) {
+    if (known == value) return std::string(name);
+  }
+  return "unknown";
 }
 
 // The counts of the lists of a sparse or bucketed result.
@@ -67,13 +84,16 @@ absl::StatusOr<Counts> ReadCounts(const v1::ResultHeader& message, const Voxeliz
   if (message.arrays_size() <= lists) return Broken("fewer arrays than were asked for");
   for (int i = 0; i <= lists; ++i) {
     if (message.arrays(i).shape().empty()) return Broken("an array without a shape");
+    for (const int64_t size : message.arrays(i).shape()) {
+      if (size < 0) return Broken("an array with a negative size");
+    }
   }
   if (request.result == ResultKind::kSparse) {
-    counts.bricks = message.arrays(0).shape(0);
+    counts.bricks = uint64_t(message.arrays(0).shape(0));
     // The count of values is the first dimension; after the components in a planar layout of several components.
     const bool planes = request.layout == Layout::kPlanar && request.targets[0].components > 1;
     const auto& shape = message.arrays(lists).shape();
-    counts.voxels = planes ? shape[shape.size() - 1] : shape[0];
+    counts.voxels = uint64_t(planes ? shape[shape.size() - 1] : shape[0]);
     uint64_t all = 1;
     for (const int64_t dim : grid.dims) all *= uint64_t(dim / 8 + (dim % 8 != 0));
     if (counts.bricks > all) return Broken(absl::StrCat(counts.bricks, " bricks in a grid of ", all));
@@ -81,8 +101,8 @@ absl::StatusOr<Counts> ReadCounts(const v1::ResultHeader& message, const Voxeliz
       return Broken(absl::StrCat(counts.voxels, " voxels in ", counts.bricks, " bricks"));
     }
   } else {
-    counts.voxels = message.arrays(0).shape(0);
-    counts.fragments = message.arrays(2).shape(0);
+    counts.voxels = uint64_t(message.arrays(0).shape(0));
+    counts.fragments = uint64_t(message.arrays(2).shape(0));
     if (counts.fragments < counts.voxels || counts.fragments > kMaxFragments) {
       return Broken(absl::StrCat(counts.fragments, " fragments in ", counts.voxels, " voxels"));
     }
@@ -135,9 +155,9 @@ absl::StatusOr<GridSpec> FromMessage(const v1::Grid& message) {
 
 void WriteTo(const Plan& plan, v1::VoxelizationPlan& message) {
   WriteTo(plan.grid, *message.mutable_grid());
-  message.set_result_bytes(plan.result_bytes);
-  message.set_peak_bytes(plan.peak_bytes);
-  message.set_backend(plan.backend);
+  message.set_result_bytes(int64_t(plan.result_bytes));
+  message.set_peak_bytes(int64_t(plan.peak_bytes));
+  message.set_backend(BackendNamed(plan.backend));
   message.set_slab_depth(plan.slab_depth);
   switch (plan.time_class) {
     case TimeClass::kInstant: message.set_time_class(v1::TIME_CLASS_INSTANT); break;
@@ -157,9 +177,9 @@ absl::StatusOr<Plan> FromMessage(const v1::VoxelizationPlan& message) {
   if (!grid.ok()) return grid.status();
   Plan plan;
   plan.grid = *grid;
-  plan.result_bytes = message.result_bytes();
-  plan.peak_bytes = message.peak_bytes();
-  plan.backend = message.backend();
+  plan.result_bytes = CountOf(message.result_bytes());
+  plan.peak_bytes = CountOf(message.peak_bytes());
+  plan.backend = std::string(NameOf(message.backend()));
   plan.slab_depth = message.slab_depth();
   plan.time_class = message.time_class() == v1::TIME_CLASS_INSTANT ? TimeClass::kInstant
                     : message.time_class() == v1::TIME_CLASS_SHORT ? TimeClass::kShort
@@ -168,21 +188,21 @@ absl::StatusOr<Plan> FromMessage(const v1::VoxelizationPlan& message) {
 }
 
 void WriteTo(const VoxelizeStats& stats, v1::VoxelizeStats& message) {
-  message.set_triangles(stats.triangles);
-  message.set_triangles_outside(stats.triangles_outside);
-  if (stats.fragments) message.set_fragments(*stats.fragments);
-  message.set_occupied(stats.occupied);
-  if (stats.odd_columns) message.set_odd_columns(*stats.odd_columns);
-  message.set_backend(stats.backend);
-  message.set_simd(stats.simd);
+  message.set_triangles(int64_t(stats.triangles));
+  message.set_triangles_outside(int64_t(stats.triangles_outside));
+  if (stats.fragments) message.set_fragments(int64_t(*stats.fragments));
+  message.set_occupied(int64_t(stats.occupied));
+  if (stats.odd_columns) message.set_odd_columns(int64_t(*stats.odd_columns));
+  message.set_backend(BackendNamed(stats.backend));
+  message.set_simd(SimdNamed(stats.simd));
   for (const std::string& path : stats.path) *message.add_path() = path;
   for (const auto& [stage, ms] : stats.stages) {
     v1::StageTime* time = message.add_stages();
     time->set_stage(stage);
-    time->set_milliseconds(ms);
+    WriteMs(ms, *time->mutable_time());
   }
-  message.set_voxelize_ms(stats.voxelize_ms);
-  message.set_voxelize_cpu_ms(stats.voxelize_cpu_ms);
+  WriteMs(stats.voxelize_ms, *message.mutable_voxelize_time());
+  WriteMs(stats.voxelize_cpu_ms, *message.mutable_voxelize_cpu_time());
 }
 
 v1::VoxelizeStats ToMessage(const VoxelizeStats& stats) {
@@ -193,26 +213,27 @@ v1::VoxelizeStats ToMessage(const VoxelizeStats& stats) {
 
 VoxelizeStats FromMessage(const v1::VoxelizeStats& message) {
   VoxelizeStats stats;
-  stats.triangles = message.triangles();
-  stats.triangles_outside = message.triangles_outside();
-  if (message.has_fragments()) stats.fragments = message.fragments();
-  stats.occupied = message.occupied();
-  if (message.has_odd_columns()) stats.odd_columns = message.odd_columns();
-  stats.backend = message.backend();
-  stats.simd = message.simd();
+  stats.triangles = CountOf(message.triangles());
+  stats.triangles_outside = CountOf(message.triangles_outside());
+  if (message.has_fragments()) stats.fragments = CountOf(message.fragments());
+  stats.occupied = CountOf(message.occupied());
+  if (message.has_odd_columns()) stats.odd_columns = CountOf(message.odd_columns());
+  stats.backend = std::string(NameOf(message.backend()));
+  // A GPU has no instruction set of row kernels.
+  stats.simd = message.backend() == v1::BACKEND_CUDA ? stats.backend : std::string(NameOf(message.simd()));
   stats.path.assign(message.path().begin(), message.path().end());
-  for (const v1::StageTime& time : message.stages()) stats.stages.emplace_back(time.stage(), time.milliseconds());
-  stats.voxelize_ms = message.voxelize_ms();
-  stats.voxelize_cpu_ms = message.voxelize_cpu_ms();
+  for (const v1::StageTime& time : message.stages()) stats.stages.emplace_back(time.stage(), MsOf(time.time()));
+  stats.voxelize_ms = MsOf(message.voxelize_time());
+  stats.voxelize_cpu_ms = MsOf(message.voxelize_cpu_time());
   return stats;
 }
 
 void WriteTo(const MeshReport& report, bool examined, v1::MeshReport& message) {
-  message.set_triangles(report.triangles);
-  message.set_vertices(report.vertices);
+  message.set_triangles(int64_t(report.triangles));
+  message.set_vertices(int64_t(report.vertices));
   if (examined) {
-    message.set_degenerate_triangles(report.degenerate_triangles);
-    message.set_open_edges(report.open_edges);
+    message.set_degenerate_triangles(int64_t(report.degenerate_triangles));
+    message.set_open_edges(int64_t(report.open_edges));
   }
   WriteVec(report.min, message.mutable_min());
   WriteVec(report.max, message.mutable_max());
@@ -239,10 +260,10 @@ Warning FromMessage(const v1::Warning& message) {
 
 MeshReport FromMessage(const v1::MeshReport& message) {
   MeshReport report;
-  report.triangles = message.triangles();
-  report.vertices = message.vertices();
-  report.degenerate_triangles = message.degenerate_triangles();
-  report.open_edges = message.open_edges();
+  report.triangles = CountOf(message.triangles());
+  report.vertices = CountOf(message.vertices());
+  report.degenerate_triangles = CountOf(message.degenerate_triangles());
+  report.open_edges = CountOf(message.open_edges());
   report.min = ReadVec(message.min());
   report.max = ReadVec(message.max());
   return report;
@@ -253,14 +274,14 @@ v1::ShaderInfo ToMessage(const ShaderInfo& info) {
   message.set_name(info.name);
   message.set_stage(info.stage == ShaderStage::kVertex ? v1::SHADER_STAGE_VERTEX : v1::SHADER_STAGE_FRAGMENT);
   message.set_description(info.description);
-  message.set_output_type(info.output_type);
+  message.set_output_type(Named(kOutputTypes, info.output_type));
   message.set_output_components(info.output_components);
   message.set_reads_textures(info.reads_textures);
   for (const ShaderParameterInfo& parameter : info.parameters) {
     v1::ShaderParameterInfo* out = message.add_parameters();
     out->set_name(parameter.name);
-    out->set_type(parameter.type);
-    out->mutable_default_value()->Add(parameter.default_value.begin(), parameter.default_value.end());
+    out->set_type(Named(kParameterTypes, parameter.type));
+    out->mutable_default_values()->Add(parameter.default_value.begin(), parameter.default_value.end());
     out->set_description(parameter.description);
   }
   return message;
@@ -271,22 +292,28 @@ ShaderInfo FromMessage(const v1::ShaderInfo& message) {
   info.name = message.name();
   info.stage = message.stage() == v1::SHADER_STAGE_VERTEX ? ShaderStage::kVertex : ShaderStage::kFragment;
   info.description = message.description();
-  info.output_type = message.output_type();
+  info.output_type = NameOf(kOutputTypes, message.output_type());
   info.output_components = message.output_components();
   info.reads_textures = message.reads_textures();
   for (const v1::ShaderParameterInfo& parameter : message.parameters()) {
     info.parameters.push_back({parameter.name(),
-                               parameter.type(),
-                               {parameter.default_value().begin(), parameter.default_value().end()},
+                               NameOf(kParameterTypes, parameter.type()),
+                               {parameter.default_values().begin(), parameter.default_values().end()},
                                parameter.description()});
   }
   return info;
 }
 
-void WriteTo(const ResultHeader& header, v1::ResultHeader& message) {
+void WriteTo(const ResultHeader& header, const VoxelizeRequest& request, v1::ResultHeader& message) {
   WriteTo(header.grid, *message.mutable_grid());
-  message.set_layout(ToMessage(header.layout));
-  message.set_kind(ToMessage(header.kind));
+  WriteTo(request, *message.mutable_spec());
+  for (size_t i = 0; i < request.targets.size(); ++i) {
+    const TargetSpec& target = request.targets[i];
+    if (target.scale || target.encoding != Encoding::kLinear) continue;
+    const ShaderInfo* const shader = FindShader(ShaderStage::kFragment, target.shader.name);
+    const double scale = shader == nullptr ? 1 : OwnScale(target.format, *shader);
+    if (scale != 1) message.mutable_spec()->mutable_targets(int(i))->set_scale(scale);
+  }
   for (const ArraySpec& array : header.arrays) {
     v1::ResultArray* out = message.add_arrays();
     out->set_name(array.name);
@@ -295,17 +322,17 @@ void WriteTo(const ResultHeader& header, v1::ResultHeader& message) {
   }
 }
 
-v1::ResultHeader ToMessage(const ResultHeader& header) {
+v1::ResultHeader ToMessage(const ResultHeader& header, const VoxelizeRequest& request) {
   v1::ResultHeader message;
-  WriteTo(header, message);
+  WriteTo(header, request, message);
   return message;
 }
 
 absl::StatusOr<ResultHeader> FromMessage(const v1::ResultHeader& message, const VoxelizeRequest& request) {
   const absl::StatusOr<GridSpec> grid = FromMessage(message.grid());
   if (!grid.ok()) return grid.status();
-  if (message.layout() != ToMessage(request.layout)) return Broken("a layout that was not asked for");
-  if (message.kind() != ToMessage(request.result)) return Broken("a kind of result that was not asked for");
+  if (message.spec().layout() != ToMessage(request.layout)) return Broken("a layout that was not asked for");
+  if (message.spec().result() != ToMessage(request.result)) return Broken("a kind of result that was not asked for");
   const absl::StatusOr<Counts> counts = ReadCounts(message, request, *grid);
   if (!counts.ok()) return counts.status();
   ResultHeader header = MakeResultHeader(request, *grid, counts->bricks, counts->voxels, counts->fragments);

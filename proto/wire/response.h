@@ -2,6 +2,7 @@
 // an existing empty message, for example on an arena.
 #pragma once
 
+#include <cstdint>
 #include <string>
 
 #include "absl/status/statusor.h"
@@ -14,6 +15,7 @@
 #include "pipeline/plan/plan.h"
 #include "shaders/catalog.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
+#include "wire/count.h"
 
 namespace voxelpipe {
 
@@ -36,13 +38,13 @@ v1::MeshReport ToMessage(const MeshReport& report, bool examined);
 void WriteTo(const MeshReport& report, bool examined, v1::MeshReport& message);
 MeshReport FromMessage(const v1::MeshReport& message);
 
-// The fields `warnings` and `warnings_left_out` of a Summary, a StoredMesh or an EstimateVoxelizationResponse.
+// The fields `warnings` and `warnings_left_out` of a Summary, a Mesh or an EstimateVoxelizationResponse.
 void WriteTo(const Warning& warning, v1::Warning& message);
 Warning FromMessage(const v1::Warning& message);
 template <typename Message>
 void WriteWarnings(const WarningList& warnings, Message& message) {
   for (const Warning& warning : warnings.kept()) WriteTo(warning, *message.add_warnings());
-  if (warnings.left_out() > 0) message.set_warnings_left_out(warnings.left_out());
+  if (warnings.left_out() > 0) message.set_warnings_left_out(int64_t(warnings.left_out()));
 }
 // An unknown code counts as nonconforming_file; warnings beyond the limit of WarningList count as left out.
 template <typename Message>
@@ -52,15 +54,16 @@ WarningList ReadWarnings(const Message& message) {
     const Warning read = FromMessage(warning);
     warnings.Add(read.code, read.place, read.text);
   }
-  warnings.set_left_out(warnings.left_out() + message.warnings_left_out());
+  warnings.set_left_out(warnings.left_out() + CountOf(message.warnings_left_out()));
   return warnings;
 }
 
 v1::ShaderInfo ToMessage(const ShaderInfo& info);
 ShaderInfo FromMessage(const v1::ShaderInfo& message);
 
-v1::ResultHeader ToMessage(const ResultHeader& header);
-void WriteTo(const ResultHeader& header, v1::ResultHeader& message);
+// `request`: what the result was made for, with every default filled in.
+v1::ResultHeader ToMessage(const ResultHeader& header, const VoxelizeRequest& request);
+void WriteTo(const ResultHeader& header, const VoxelizeRequest& request, v1::ResultHeader& message);
 // In: the header from the server, and the request. Out: the header of the core, with arrays named, typed and shaped as
 // in result.h for the request's kind, targets and layout. The server chooses the sizes of sparse and bucketed lists,
 // within the bounds of the grid. DATA_LOSS naming what differs: the grid, the kind, the layout, the number of arrays,

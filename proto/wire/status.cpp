@@ -3,14 +3,18 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <limits>
 #include <string>
 
 #include "absl/strings/cord.h"
+#include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "base/limit_error.h"
 #include "base/text.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
+#include "voxelpipe/v1/error.pb.h"
+#include "wire/count.h"
 
 namespace voxelpipe {
 namespace {
@@ -21,21 +25,18 @@ constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
 constexpr char kQuotaSubjectUrl[] = "voxelpipe/quota_subject";
 constexpr char kMissingMeshUrl[] = "voxelpipe/missing_mesh";
 constexpr char kFieldUrl[] = "voxelpipe/field";
-constexpr char kMeshType[] = "voxelpipe.v1.StoredMesh";
+constexpr char kMeshType[] = "voxelpipe.v1.Mesh";
 constexpr char kDomain[] = "voxelpipe";
-// Keys of an ErrorInfo's metadata.
-constexpr char kNeedBytes[] = "need_bytes", kLimitBytes[] = "limit_bytes", kLargestResolution[] = "largest_resolution",
-               kSmallestVoxelSize[] = "smallest_voxel_size";
-constexpr char kNotAvailable[] = "NOT_AVAILABLE";
+constexpr char kReasonUrl[] = "voxelpipe/reason";
 // gRPC limits trailers to 8 KiB in total by default; the message is in them twice, once percent-encoded.
 static_assert(kMaxErrorBytes <= 1000);
-constexpr size_t kMaxIdBytes = 80;
+constexpr size_t kMaxNameBytes = 80;
 constexpr milliseconds kInUseDelay{1000};
 constexpr milliseconds kMaxDelay{3'600'000};  // a server's delay counts as at most this
 
-google::rpc::ErrorInfo MakeErrorInfo(const char* reason) {
+google::rpc::ErrorInfo MakeErrorInfo(std::string reason) {
   google::rpc::ErrorInfo info;
-  info.set_reason(reason);
+  info.set_reason(std::move(reason));
   info.set_domain(kDomain);
   return info;
 }
@@ -56,28 +57,55 @@ size_t EndOfPlace(std::string_view message) {
   return next < message.find('\'', end) ? next : end;
 }
 
-template <typename Number>
-bool ReadNumber(const google::rpc::ErrorInfo& info, const char* key, Number& out) {
-  const auto found = info.metadata().find(key);
-  if (found == info.metadata().end()) return false;
-  const std::string& text = found->second;
-  return std::from_chars(text.data(), text.data() + text.size(), out).ec == std::errc();
+// The reason of an error's ErrorInfo: the list in voxelization_service.proto.
+std::string ReasonOf(const absl::Status& status) {
+  if (const auto reason = status.GetPayload(kReasonUrl)) return std::string(*reason);
+  switch (status.code()) {
+    case absl::StatusCode::kInvalidArgument:  // a vertex: what DescribeVertex gives
+      return absl::StartsWith(status.message(), "node ") || absl::StartsWith(status.message(), "vertex ")
+                 ? "INVALID_MESH"
+                 : "INVALID_REQUEST";
+    case absl::StatusCode::kResourceExhausted:
+      if (!RetryDelay(status)) return "LIMIT_EXCEEDED";
+      return status.GetPayload(kQuotaSubjectUrl) ? "QUOTA_EXCEEDED" : "OVERLOADED";
+    case absl::StatusCode::kFailedPrecondition: return "BACKEND_NOT_AVAILABLE";
+    case absl::StatusCode::kNotFound: return "MESH_NOT_FOUND";
+    case absl::StatusCode::kUnavailable: return RetryDelay(status) ? "DEVICES_FAILED" : "SHUTTING_DOWN";
+    case absl::StatusCode::kUnauthenticated: return "TOKEN_REJECTED";
+    case absl::StatusCode::kPermissionDenied: return "NOT_PERMITTED";
+    case absl::StatusCode::kDataLoss: return "CHECKSUM_MISMATCH";
+    case absl::StatusCode::kAborted: return "CLIENT_TOO_SLOW";
+    case absl::StatusCode::kCancelled: return "CANCELLED";
+    case absl::StatusCode::kDeadlineExceeded: return "DEADLINE_EXCEEDED";
+    default: return "INTERNAL";
+  }
 }
 
-// Parses three positive numbers separated by commas; otherwise `out` is not changed.
-void ReadThree(const google::rpc::ErrorInfo& info, const char* key, Vec3d& out) {
-  const auto found = info.metadata().find(key);
-  if (found == info.metadata().end()) return;
-  const char* at = found->second.data();
-  const char* const end = at + found->second.size();
-  Vec3d read;
-  for (int i = 0; i < 3; ++i) {
-    const auto number = std::from_chars(at, end, read[i]);
-    if (number.ec != std::errc() || (i < 2 && (number.ptr == end || *number.ptr != ','))) return;
-    if (!(read[i] > 0) || !std::isfinite(read[i])) return;
-    at = number.ptr + 1;
+v1::LimitExceeded ToMessage(const LimitError& numbers) {
+  v1::LimitExceeded message;
+  constexpr uint64_t kMaxBytes = std::numeric_limits<int64_t>::max();
+  if (numbers.need_bytes > 0 && numbers.need_bytes <= kMaxBytes) message.set_need_bytes(int64_t(numbers.need_bytes));
+  message.set_limit_bytes(int64_t(numbers.limit_bytes));
+  const Vec3d& size = numbers.smallest_voxel_size;
+  if (numbers.largest_resolution > 0) {
+    message.set_resolution(numbers.largest_resolution);
+  } else if (size.x > 0) {
+    message.mutable_voxel_size()->set_x(size.x);
+    message.mutable_voxel_size()->set_y(size.y);
+    message.mutable_voxel_size()->set_z(size.z);
   }
-  out = read;
+  return message;
+}
+
+LimitError FromMessage(const v1::LimitExceeded& message) {
+  LimitError numbers;
+  numbers.need_bytes = CountOf(message.need_bytes());
+  numbers.limit_bytes = CountOf(message.limit_bytes());
+  numbers.largest_resolution = std::max<int64_t>(message.resolution(), 0);
+  const Vec3d size{message.voxel_size().x(), message.voxel_size().y(), message.voxel_size().z()};
+  const auto good = [](double value) { return value > 0 && std::isfinite(value); };
+  if (good(size.x) && good(size.y) && good(size.z)) numbers.smallest_voxel_size = size;
+  return numbers;
 }
 
 }  // namespace
@@ -109,10 +137,10 @@ std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status) 
   return std::chrono::milliseconds(ms);
 }
 
-absl::Status MissingMeshError(std::string_view mesh_id) {
+absl::Status MissingMeshError(std::string_view name) {
   absl::Status status = absl::NotFoundError(
-      absl::StrCat("the server keeps no mesh '", CleanText(mesh_id, kMaxIdBytes), "'; UploadMesh sends it"));
-  status.SetPayload(kMissingMeshUrl, absl::Cord(CleanText(mesh_id, kMaxIdBytes)));
+      absl::StrCat("the server keeps no mesh '", CleanText(name, kMaxNameBytes), "'; UploadMesh sends it"));
+  status.SetPayload(kMissingMeshUrl, absl::Cord(CleanText(name, kMaxNameBytes)));
   return status;
 }
 
@@ -127,9 +155,11 @@ absl::Status WithField(absl::Status status, std::string_view field) {
   return status;
 }
 
-absl::Status OfMesh(const absl::Status& status) {
-  if (!absl::IsInvalidArgument(status) || status.message().find(": ") != absl::string_view::npos) return status;
-  return WithField(status, "mesh");
+absl::Status OfMesh(absl::Status status) {
+  if (!absl::IsInvalidArgument(status)) return status;
+  status.SetPayload(kReasonUrl, absl::Cord("INVALID_MESH"));
+  if (status.message().find(": ") != absl::string_view::npos) return status;
+  return WithField(std::move(status), "mesh");
 }
 
 grpc::Status ToGrpcStatus(const absl::Status& status) {
@@ -141,6 +171,7 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
   google::rpc::Status details;
   details.set_code(int(status.code()));  // absl and gRPC use the same numbers for the canonical codes
   details.set_message(message);
+  details.add_details()->PackFrom(MakeErrorInfo(ReasonOf(status)));
   if (status.code() == absl::StatusCode::kInvalidArgument) {
     google::rpc::BadRequest bad;
     auto* violation = bad.add_field_violations();
@@ -158,20 +189,8 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
         quota.mutable_violations(0)->set_description(message);
         details.add_details()->PackFrom(quota);
       }
-    } else {
-      google::rpc::ErrorInfo info = MakeErrorInfo("LIMIT_EXCEEDED");
-      auto& metadata = *info.mutable_metadata();
-      metadata["need_and_limit"] = message;
-      if (const auto numbers = LimitErrorOf(status)) {
-        const Vec3d& size = numbers->smallest_voxel_size;
-        if (numbers->need_bytes > 0) metadata[kNeedBytes] = absl::StrCat(numbers->need_bytes);
-        metadata[kLimitBytes] = absl::StrCat(numbers->limit_bytes);
-        if (numbers->largest_resolution > 0) metadata[kLargestResolution] = absl::StrCat(numbers->largest_resolution);
-        if (size.x > 0)
-          metadata[kSmallestVoxelSize] =
-              absl::StrCat(ExactText(size.x), ",", ExactText(size.y), ",", ExactText(size.z));
-      }
-      details.add_details()->PackFrom(info);
+    } else if (const auto numbers = LimitErrorOf(status)) {
+      details.add_details()->PackFrom(ToMessage(*numbers));
     }
   } else if (const auto mesh = MissingMesh(status)) {
     google::rpc::ResourceInfo missing;
@@ -179,8 +198,6 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
     missing.set_resource_name(*mesh);
     missing.set_description(message);
     details.add_details()->PackFrom(missing);
-  } else if (status.code() == absl::StatusCode::kFailedPrecondition) {
-    details.add_details()->PackFrom(MakeErrorInfo(kNotAvailable));
   } else if (status.code() == absl::StatusCode::kUnavailable) {
     if (const auto delay = RetryDelay(status)) details.add_details()->PackFrom(MakeRetryInfo(*delay));
   }
@@ -193,15 +210,10 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
   google::rpc::Status details;
   if (status.error_details().empty() || !details.ParseFromString(status.error_details())) return result;
   for (const google::protobuf::Any& detail : details.details()) {
-    google::rpc::ErrorInfo info;
-    LimitError numbers;
-    if (absl::IsResourceExhausted(result) && detail.Is<google::rpc::ErrorInfo>() && detail.UnpackTo(&info) &&
-        ReadNumber(info, kLimitBytes, numbers.limit_bytes)) {
-      // Values that do not apply are absent.
-      ReadNumber(info, kNeedBytes, numbers.need_bytes);
-      ReadNumber(info, kLargestResolution, numbers.largest_resolution);
-      ReadThree(info, kSmallestVoxelSize, numbers.smallest_voxel_size);
-      result = MakeLimitError(status.error_message(), numbers);
+    v1::LimitExceeded limit;
+    if (absl::IsResourceExhausted(result) && detail.Is<v1::LimitExceeded>() && detail.UnpackTo(&limit) &&
+        limit.has_limit_bytes()) {
+      result = MakeLimitError(status.error_message(), FromMessage(limit));
     }
     google::rpc::ResourceInfo missing;
     if (detail.Is<google::rpc::ResourceInfo>() && detail.UnpackTo(&missing) && missing.resource_type() == kMeshType) {

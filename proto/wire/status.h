@@ -23,27 +23,25 @@ absl::Status NotServingError(std::string_view message, std::chrono::milliseconds
 // The delay of these errors, in server and client; of what a client received 0 to an hour.
 std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status);
 
-// NOT_FOUND because the server has no stored mesh of this id, which is sent as google.rpc.ResourceInfo.
-absl::Status MissingMeshError(std::string_view mesh_id);
-// The id of a MissingMeshError, in server and client.
+// NOT_FOUND because the server has no stored mesh of this name, which is sent as google.rpc.ResourceInfo.
+absl::Status MissingMeshError(std::string_view name);
+// The name of a MissingMeshError, in server and client.
 std::optional<std::string> MissingMesh(const absl::Status& status);
 
 // Attaches the field of the request ("mesh") to an INVALID_ARGUMENT status whose message does not name it.
 absl::Status WithField(absl::Status status, std::string_view field);
 
 // In: an error of loading a mesh. Out: the same; an INVALID_ARGUMENT that names no part of the file, before a ": ", has
-// the field "mesh".
-absl::Status OfMesh(const absl::Status& status);
+// the field "mesh". Its reason is INVALID_MESH.
+absl::Status OfMesh(absl::Status status);
 
-// Converts a job's status to a call's; no other code does. The code stays, the message is ErrorText; the details are
+// Converts a job's status to a call's; no other code does. The code stays, the message is ErrorText; the details are an
+// ErrorInfo, whose reasons voxelization_service.proto lists, and
 //   INVALID_ARGUMENT      BadRequest: field = that of WithField, description = the message; otherwise field = the text
 //                         of the message before the first ": ", description = the rest
 //   RESOURCE_EXHAUSTED    RetryInfo for a BusyError and if other requests use the memory (IsInUseByOthers), with
-//                         QuotaFailure for a QuotaError; otherwise ErrorInfo "LIMIT_EXCEEDED" with the message as
-//                         need_and_limit, and need_bytes, limit_bytes, largest_resolution and smallest_voxel_size as
-//                         numbers if they are known and apply (LimitErrorOf)
-//   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.StoredMesh", name the mesh's id
-//   FAILED_PRECONDITION   ErrorInfo "NOT_AVAILABLE"
+//                         QuotaFailure for a QuotaError; otherwise LimitExceeded if the numbers are known (LimitErrorOf)
+//   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.Mesh", name the mesh's
 //   UNAVAILABLE           RetryInfo for a NotServingError
 grpc::Status ToGrpcStatus(const absl::Status& status);
 

@@ -20,6 +20,10 @@ namespace voxelpipe {
 
 struct ServiceState;
 
+// The result of gRPC's InternalInlineable for all reactors: OnCancel and OnDone never block, so they need no other
+// thread.
+inline constexpr bool kReactAtOnce = true;
+
 // The name in the certificate of the call's client, if the operator lets certificates name clients; otherwise empty.
 std::string CertificateOf(const ServiceState& state, const grpc::ServerContextBase& context);
 

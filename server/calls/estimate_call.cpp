@@ -1,11 +1,13 @@
 #include "calls/estimate_call.h"
 
 #include <cmath>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "calls/call_setup.h"
+#include "calls/job_setup.h"
 #include "jobs/prepare_kept.h"
 #include "jobs/request_memory.h"
 #include "load/costly_parts.h"
@@ -14,13 +16,19 @@
 #include "pipeline/warnings.h"
 #include "reply/raw_message.h"
 #include "schedule/cost.h"
+#include "wire/count.h"
 #include "wire/mesh_contents.h"
+#include "wire/mesh_name.h"
 #include "wire/request.h"
 #include "wire/response.h"
 #include "wire/status.h"
 
 namespace voxelpipe {
 namespace {
+
+std::optional<uint32_t> Crc32cOf(const v1::MeshBytes& mesh) {
+  return mesh.has_crc32c() ? std::optional(mesh.crc32c()) : std::nullopt;
+}
 
 absl::StatusOr<Box3d> ReadBox(const v1::MeshSummary& summary) {
   const Vec3d min{summary.min().x(), summary.min().y(), summary.min().z()};
@@ -30,7 +38,7 @@ absl::StatusOr<Box3d> ReadBox(const v1::MeshSummary& summary) {
     if (!std::isfinite(max[a])) return absl::InvalidArgumentError("summary.max: must be finite");
     if (max[a] < min[a]) return absl::InvalidArgumentError("summary.max: must not be below summary.min");
   }
-  return Box3d{min, max, summary.triangles() == 0};
+  return Box3d{min, max, summary.triangles() <= 0};
 }
 
 }  // namespace
@@ -74,27 +82,28 @@ EstimateCall::EstimateCall(ServiceState& state, grpc::CallbackServerContext& con
 void EstimateCall::Start(grpc::ByteBuffer& request) {
   absl::Status begun = MayBegin(pass_, record_.admission());
   if (begun.ok()) begun = ReadMessage(request, request_);
-  const uint64_t mesh_bytes = request_.mesh_bytes().size();
+  const uint64_t mesh_bytes = data().size();
   if (begun.ok()) begun = TakeUploadBytes(state_, 0, mesh_bytes, uploads_);
   if (begun.ok()) begun = record_.TakeBytes(mesh_bytes);
   if (!begun.ok()) {
     End(begun);
     return;
   }
-  absl::StatusOr<ParsedConfig> config = ParseConfig(request_.config());
+  absl::StatusOr<ParsedConfig> config = ParseMessage();
   const BackendChoice asked = config.ok() ? config->request.backend : BackendChoice::kAuto;
   absl::Status status = config.ok() ? PrepareRequest(state_, config->request) : config.status();
   if (status.ok()) {
     ChooseKinds(state_, asked, *config, kinds_);
     status = state_.pool.CheckServed(kinds_);
   }
-  if (status.ok() && request_.mesh_case() == v1::EstimateVoxelizationRequest::kMeshId) status = FindKeptMesh();
-  if (!status.ok() || (!request_.has_mesh_bytes() && !kept_)) {
+  if (status.ok() && !config->mesh_name.empty()) status = FindKeptMesh(*config);
+  if (!status.ok() || !request_.has_mesh()) {
     End(status.ok() ? FromSummary(*config) : status);
     return;
   }
   // While the job waits, only its mesh has been counted.
-  request_.clear_config();
+  request_.clear_spec();
+  request_.clear_execution();
   request_.DiscardUnknownFields();
   auto task = std::make_shared<MeshTask>(self_, *std::move(config));
   task->traits.client = record_.client;
@@ -110,9 +119,20 @@ void EstimateCall::Start(grpc::ByteBuffer& request) {
   if (!job_.Check().ok()) OnCancel();
 }
 
-absl::Status EstimateCall::FindKeptMesh() {
-  if (absl::Status s = CheckMeshId(request_.mesh_id(), "mesh_id"); !s.ok()) return s;
-  absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state_.meshes.Get(request_.mesh_id());
+absl::StatusOr<ParsedConfig> EstimateCall::ParseMessage() const {
+  absl::StatusOr<ParsedConfig> config = ParseRequest(request_.spec(), request_.execution());
+  if (!config.ok() || !request_.has_mesh()) return config;
+  if (absl::Status s = ParseMesh(request_.mesh(), *config); !s.ok()) return s;
+  if (config->new_positions) {
+    return absl::InvalidArgumentError("mesh.stored.positions: an estimate takes the mesh as it is stored");
+  }
+  if (absl::Status s = CheckMeshCrc(data(), Crc32cOf(request_.mesh().bytes()), 0); !s.ok()) return s;
+  return config;
+}
+
+absl::Status EstimateCall::FindKeptMesh(const ParsedConfig& config) {
+  if (absl::Status s = CheckMeshName(config.mesh_name, "mesh.stored.name"); !s.ok()) return s;
+  absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state_.meshes.Get(config.mesh_name);
   if (!mesh.ok()) return mesh.status();
   kept_ = *std::move(mesh);
   return absl::OkStatus();
@@ -124,7 +144,7 @@ JobCost EstimateCall::Cost(const ParsedConfig& config) const {
   if (kept_) {
     facts.triangles = kept_->triangles();
   } else {
-    const std::string& bytes = request_.mesh_bytes();
+    const std::string& bytes = data();
     facts.file_bytes = bytes.size();
     facts.compressed =
         FindCostlyParts({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, facts.format).compressed;
@@ -134,24 +154,22 @@ JobCost EstimateCall::Cost(const ParsedConfig& config) const {
 
 absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
   if (!request_.has_summary()) {
-    const char* const hint =
-        request_.config().mesh_id().empty() ? "" : " beside the config, whose own is not looked at";
-    return absl::InvalidArgumentError(absl::StrCat("mesh: neither a summary nor mesh_bytes nor a mesh_id", hint));
+    return absl::InvalidArgumentError("mesh: neither a mesh nor a summary");
   }
   const absl::StatusOr<Box3d> box = ReadBox(request_.summary());
   if (!box.ok()) return box.status();
   const absl::StatusOr<const Backend*> device = state_.pool.FindDevice(kinds_);
   if (!device.ok()) return device.status();
-  const absl::StatusOr<Plan> plan =
-      PlanVoxelization(**device, config.request, request_.summary().triangles(), request_.summary().vertices(),
-                       MeshExtent{.box = *box, .held_bytes = 0, .sums = {}}, state_.limits.plan, Delivery::kStream);
+  const absl::StatusOr<Plan> plan = PlanVoxelization(
+      **device, config.request, CountOf(request_.summary().triangles()), CountOf(request_.summary().vertices()),
+      MeshExtent{.box = *box, .held_bytes = 0, .sums = {}}, state_.limits.plan, Delivery::kStream);
   if (!plan.ok()) return plan.status();
   *response_.mutable_plan() = ToMessage(*plan);
   return absl::OkStatus();
 }
 
 absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
-  const std::string& bytes = request_.mesh_bytes();
+  const std::string& bytes = data();
   const auto mesh = kept_ ? PrepareKept(state_.meshes, *kept_, {}, config, state_.limits, job_)
                           : PrepareMesh(std::vector<uint8_t>(bytes.begin(), bytes.end()), config, state_.limits, job_);
   if (!mesh.ok()) return mesh.status();
@@ -160,7 +178,7 @@ absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   const absl::StatusOr<Estimate> estimate = EstimateJob(**device, **mesh, config, state_.limits, job_);
   if (!estimate.ok()) return estimate.status();
   *response_.mutable_plan() = ToMessage(estimate->plan);
-  *response_.mutable_mesh() = ToMessage(estimate->report, (*mesh)->examined);
+  *response_.mutable_report() = ToMessage(estimate->report, (*mesh)->examined);
   if (!kept_) CheckImages(*(*mesh)->mesh);  // not shared with other calls
   WriteWarnings(kept_ ? kept_->Report().warnings : AllWarningsOf(*(*mesh)->mesh), response_);
   if (!kept_) *response_.mutable_contents() = ToMessage((*mesh)->contents, (*mesh)->stages);

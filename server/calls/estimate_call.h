@@ -4,16 +4,17 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <string>
 
 #include <grpcpp/grpcpp.h>
 
 #include "base/job_context.h"
 #include "calls/call_record.h"
-#include "calls/react_at_once.h"
 #include "schedule/byte_budget.h"
 #include "schedule/task.h"
 #include "state/service_state.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
+#include "wire/request.h"
 
 namespace voxelpipe {
 
@@ -34,7 +35,10 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   class MeshTask;
 
   void Start(grpc::ByteBuffer& request);
-  absl::Status FindKeptMesh();
+  absl::StatusOr<ParsedConfig> ParseMessage() const;
+  absl::Status FindKeptMesh(const ParsedConfig& config);
+  // The bytes of the mesh, if it comes with the request.
+  const std::string& data() const { return request_.mesh().bytes().data(); }
   // Of the request's mesh, before it is loaded.
   JobCost Cost(const ParsedConfig& config) const;
   absl::Status FromSummary(const ParsedConfig& config);

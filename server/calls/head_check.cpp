@@ -16,6 +16,8 @@ bool PassesGate(Rpc rpc) {
     case Rpc::kListShaders:
     case Rpc::kGetServerInfo:
     case Rpc::kGetMesh:
+    case Rpc::kListMeshes:
+    case Rpc::kReleaseMesh:
     case Rpc::kDeleteMesh: return false;
     default: return true;
   }
@@ -31,7 +33,7 @@ std::optional<RefusedHead> CheckHead(ServiceState& state, const CallHead& head, 
     status = MayBegin(pass, status);
   }
   const bool may_begin = status.ok();
-  if (may_begin && rpc == Rpc::kVoxelizeMesh) {
+  if (may_begin && (rpc == Rpc::kVoxelize || rpc == Rpc::kExportFile)) {
     if (const std::shared_ptr<const FullQueue::Answer> full = state.full_queue.Refusal()) status = full->status;
   }
   if (status.ok()) return std::nullopt;

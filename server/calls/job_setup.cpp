@@ -2,17 +2,20 @@
 
 #include <utility>
 
+#include "absl/strings/str_cat.h"
+#include "base/checksum/crc32c.h"
 #include "calls/call_setup.h"
 #include "jobs/request_memory.h"
+#include "wire/mesh_name.h"
 #include "wire/status.h"
 
 namespace voxelpipe {
 namespace {
 
 absl::Status FindKeptMesh(ServiceState& state, VoxelizeJob& job) {
-  if (job.config.mesh_id.empty()) return absl::OkStatus();
-  if (absl::Status s = CheckMeshId(job.config.mesh_id, "mesh_id"); !s.ok()) return s;
-  absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state.meshes.Take(job.config.mesh_id);
+  if (job.config.mesh_name.empty()) return absl::OkStatus();
+  if (absl::Status s = CheckMeshName(job.config.mesh_name, "mesh.stored.name"); !s.ok()) return s;
+  absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state.meshes.Take(job.config.mesh_name);
   if (!mesh.ok()) return mesh.status();
   job.store = &state.meshes;
   job.kept = *std::move(mesh);
@@ -21,9 +24,9 @@ absl::Status FindKeptMesh(ServiceState& state, VoxelizeJob& job) {
 
 }  // namespace
 
-absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message, const std::string& client,
+absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeRequest& message, const std::string& client,
                           VoxelizeJob& job) {
-  absl::StatusOr<ParsedConfig> parsed = ParseConfig(message);
+  absl::StatusOr<ParsedConfig> parsed = ParseRequest(message);
   if (!parsed.ok()) return parsed.status();
   job.config = *std::move(parsed);
   const CallSettings& settings = job.config.settings;
@@ -40,6 +43,28 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeConfig& message
   if (absl::Status s = FindKeptMesh(state, job); !s.ok()) return s;
   job.Weigh();
   return absl::OkStatus();
+}
+
+MeshData MeshDataOf(v1::VoxelizeRequest& request) {
+  MeshData data;
+  v1::MeshSource& source = *request.mutable_mesh();
+  const auto take = [&data](auto& message) {
+    data.bytes = message.mutable_data();
+    if (message.has_crc32c()) data.crc32c = message.crc32c();
+  };
+  if (source.has_bytes()) {
+    take(*source.mutable_bytes());
+  } else if (source.stored().has_positions()) {
+    take(*source.mutable_stored()->mutable_positions());
+  }
+  return data;
+}
+
+absl::Status CheckMeshCrc(std::string_view bytes, std::optional<uint32_t> crc32c, uint64_t offset) {
+  if (!crc32c || Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}) == *crc32c) {
+    return absl::OkStatus();
+  }
+  return absl::DataLossError(absl::StrCat("the CRC-32C of the mesh bytes from offset ", offset, " does not fit"));
 }
 
 PieceOptions PiecesOf(const ServerOptions& options) {

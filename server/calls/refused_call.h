@@ -10,7 +10,6 @@
 #include "absl/status/status.h"
 #include "calls/call_record.h"
 #include "calls/call_setup.h"
-#include "calls/react_at_once.h"
 #include "state/full_queue.h"
 #include "state/service_state.h"
 #include "wire/status.h"

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "base/checksum/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
 #include "jobs/job_counts.h"
@@ -26,15 +25,13 @@ constexpr std::chrono::milliseconds kProgressInterval{100};
 
 }  // namespace
 
-ResultCall::ResultCall(ServiceState& state, grpc::CallbackServerContext& grpc_context, Rpc rpc,
-                       SmallResult small_result)
+ResultCall::ResultCall(ServiceState& state, grpc::CallbackServerContext& grpc_context, Rpc rpc)
     : VoxelizeJob([this](std::string_view stage, double fraction) { OnProgress(stage, fraction); }),
       state_(state),
       pass_(state.gate),
       context_(grpc_context),
       record_(state, grpc_context, rpc),
       make_export_(state.exports.Take(std::string(MetadataOf(grpc_context, ResultExports::kKey).value_or("")))),
-      small_result_(make_export_ ? SmallResult::kInPieces : small_result),
       uploads_(state.uploads),
       working_(state.working) {
   SetDeadline(grpc_context, context);
@@ -53,8 +50,8 @@ std::unique_ptr<IdleWatch::Wait> ResultCall::WaitForClient(uint32_t limit_ms, co
       });
 }
 
-absl::Status ResultCall::TakeConfig(const v1::VoxelizeConfig& message) {
-  if (configured_) return absl::InvalidArgumentError("config: only the first message may be one");
+absl::Status ResultCall::TakeRequest(v1::VoxelizeRequest& message) {
+  if (configured_) return absl::InvalidArgumentError("request: only the first message may be one");
   configured_ = true;
   if (absl::Status s = ConfigureJob(state_, message, record_.client, *this); !s.ok()) return s;
   if (make_export_) {
@@ -64,15 +61,14 @@ absl::Status ResultCall::TakeConfig(const v1::VoxelizeConfig& message) {
     config.settings.content_hash = false;  // no bytes are sent
     Weigh();
   }
-  return state_.results.Admit(*this);  // before the upload of the mesh
+  if (absl::Status s = state_.results.Admit(*this); !s.ok()) return s;  // before the upload of the mesh
+  const MeshData data = MeshDataOf(message);
+  return data.bytes == nullptr ? absl::OkStatus() : TakePiece(std::move(*data.bytes), data.crc32c);
 }
 
 absl::Status ResultCall::TakePiece(std::string piece, std::optional<uint32_t> crc32c) {
-  if (crc32c && Crc32c({reinterpret_cast<const uint8_t*>(piece.data()), piece.size()}) != *crc32c) {
-    return absl::DataLossError(
-        absl::StrCat("the CRC-32C of the mesh bytes from offset ", record_.bytes_in, " does not fit"));
-  }
-  if (!configured_) return absl::InvalidArgumentError("config: must come before the mesh");
+  if (absl::Status s = CheckMeshCrc(piece, crc32c, record_.bytes_in); !s.ok()) return s;
+  if (!configured_) return absl::InvalidArgumentError("request: must come before the mesh");
   if (piece.empty()) return absl::OkStatus();
   if (kept) {
     if (absl::Status s = CheckMeshBytes(*kept, config, record_.bytes_in + piece.size(), false); !s.ok()) return s;
@@ -99,6 +95,7 @@ void ResultCall::SubmitJob() {
 absl::Status ResultCall::Planned(const Plan& plan, bool may_wait) {
   // The others of a batch would wait for its export.
   if (exported && !may_wait) return absl::AbortedError("an exported result is made alone");
+  if (exported) export_plan_ = plan;
   uploads_.ShrinkTo(0);  // the file was freed after loading
   working_.ShrinkTo(0);  // of a failed worker
   if (absl::Status s = TakeMemory(plan, may_wait, context, working_); !s.ok()) return s;
@@ -108,7 +105,8 @@ absl::Status ResultCall::Planned(const Plan& plan, bool may_wait) {
 
 void ResultCall::PlanShared(const Plan& plan) {
   if (std::exchange(planned_, true)) return;
-  if (small_result_ == SmallResult::kInOneMessage && plan.result_bytes <= kWholeBytes) {
+  if (IsOneMessage(plan.result_bytes)) {
+    gathers_ = true;
     plan_ = plan;
     last_progress_ = std::chrono::steady_clock::now();
   } else {
@@ -119,12 +117,20 @@ void ResultCall::PlanShared(const Plan& plan) {
 }
 
 void ResultCall::PostPlan(const Plan& plan) {
+  if (!sends_progress()) return;
   v1::VoxelizeResponse response;
-  *response.mutable_accepted() = ToMessage(plan);
+  WriteTo(plan, *response.mutable_plan());
   Post(ResponseCoder().Message(response));
 }
 
 void ResultCall::DoneShared(const std::shared_ptr<const JobOutcome>& outcome, const Plan& plan, bool cached) {
+  if (exported) {
+    PlanShared(plan);
+    const absl::Status status = Export(*outcome);
+    state_.metrics.JobEnded(status.code());
+    AnswerExport(status, *outcome, cached);
+    return;
+  }
   state_.metrics.JobEnded(absl::StatusCode::kOk);
   kept.reset();
   PlanShared(plan);
@@ -132,26 +138,22 @@ void ResultCall::DoneShared(const std::shared_ptr<const JobOutcome>& outcome, co
 }
 
 void ResultCall::Done(absl::StatusOr<JobOutcome> outcome) {
-  if (outcome.ok() && outcome->streamed && plan_) {
+  if (outcome.ok() && outcome->streamed && gathers_) {
     VoxelizeResult gathered = gathered_.Take();
     gathered.stats = std::move(outcome->result.stats);
     outcome->result = std::move(gathered);
     outcome->streamed = false;
   }
   if (outcome.ok() && exported) {
-    if (absl::Status s = Export(*outcome); !s.ok()) outcome = std::move(s);
+    DoneExport(std::make_shared<JobOutcome>(*std::move(outcome)));
+    return;
   }
   CountJob(state_.metrics, outcome);
   mesh.reset();
   kept.reset();
   exported.reset();
   if (!outcome.ok()) {
-    {
-      const std::lock_guard lock(mutex_);
-      submitted_ = false;
-      if (end_) FreeLocked();  // the call ended while the job still ran
-    }
-    End(outcome.status());
+    Fail(outcome.status());
     return;
   }
   if (!outcome->streamed) {
@@ -159,30 +161,75 @@ void ResultCall::Done(absl::StatusOr<JobOutcome> outcome) {
     Answer(std::make_shared<const JobOutcome>(*std::move(outcome)), false);
     return;
   }
-  grpc::ByteBuffer summary = pieces_made().Summary(*outcome);
+  FinishWith(pieces_made().Summary(*outcome), *outcome);
+}
+
+void ResultCall::DoneExport(const std::shared_ptr<JobOutcome>& outcome) {
+  mesh.reset();
+  const absl::Status status = Export(*outcome);
+  state_.metrics.JobEnded(status.code());
+  if (status.ok()) {
+    CountWork(state_.metrics, *outcome);
+    state_.results.Keep(*this, outcome, export_plan_);
+  }
+  AnswerExport(status, *outcome, false);
+}
+
+void ResultCall::AnswerExport(const absl::Status& status, const JobOutcome& outcome, bool cached) {
+  kept.reset();
+  ready.reset();
+  if (!status.ok()) {
+    Fail(status);
+    return;
+  }
+  std::shared_ptr<ReplyStream> reply = ReplyOfExport(outcome, cached);
+  if (!reply) {
+    pieces_made().SetShared(cached, nullptr);
+    FinishWith(pieces_made().Summary(outcome), outcome);
+    return;
+  }
+  {
+    const std::lock_guard lock(mutex_);
+    submitted_ = false;
+    record_.facts = Facts(outcome);
+    result_ = std::move(reply);
+    if (end_) FreeLocked();
+  }
+  Pump();
+}
+
+void ResultCall::Fail(const absl::Status& status) {
+  {
+    const std::lock_guard lock(mutex_);
+    submitted_ = false;
+    if (end_) FreeLocked();  // the call ended while the job still ran
+  }
+  End(status);
+}
+
+void ResultCall::FinishWith(grpc::ByteBuffer summary, const JobOutcome& outcome) {
   {
     const std::lock_guard lock(mutex_);
     submitted_ = false;
     pending_.push_back(std::move(summary));
     record_.bytes_out = exported_bytes_ + pieces_made().sent_bytes();
     record_.raw_bytes_out = exported_bytes_ + pieces_made().bytes();
-    record_.facts = Facts(*outcome);
+    record_.facts = Facts(outcome);
     last_is_pending_ = true;
     if (end_) FreeLocked();
   }
   Pump();
 }
 
-absl::Status ResultCall::Export(JobOutcome& outcome) {
-  mesh.reset();
-  kept.reset();
+absl::Status ResultCall::Export(const JobOutcome& outcome) {
   // Writers may wait for memory as loading may, which TakeMemory has ended for the budget of the run.
   const std::shared_ptr<MemoryBudget> of_run = std::exchange(memory, MakeRequestMemory(state_.working, context));
   memory->set_leave(0);  // it ends soon
   MemoryCharge result(memory.get());
   working_.ShrinkTo(0);
   absl::Status status = context.Check();
-  if (status.ok() && !outcome.streamed) status = result.Grow(outcome.result.bytes(), "the result of a file:");
+  const bool held = !outcome.streamed && !ready;  // the cache pays for its own
+  if (status.ok() && held) status = result.Grow(outcome.result.bytes(), "the result of a file:");
   if (status.ok()) {
     absl::StatusOr<uint64_t> bytes = absl::ResourceExhaustedError("out of memory for the file of the result");
     try {
@@ -192,25 +239,25 @@ absl::Status ResultCall::Export(JobOutcome& outcome) {
     exported_bytes_ = bytes.value_or(0);
   }
   exported.reset();  // its charges are of these budgets
-  static_cast<ResultArrays&>(outcome.result) = {};
-  outcome.streamed = true;
   return status;
 }
 
 void ResultCall::Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached) {
   const PieceOptions options = PiecesOf(state_.options);
-  std::shared_ptr<ResultStream> result;
+  std::shared_ptr<ReplyStream> result;
   std::optional<grpc::ByteBuffer> message;
   uint64_t sent_bytes = 0, raw_bytes = 0;
-  if (plan_ && ResultBytes(outcome->result) <= kWholeBytes) {
-    ResultPieces whole(config.settings, options);
+  if (IsOneMessage(ResultBytes(outcome->result))) {
+    ResultPieces whole(config.request, config.settings, options);
     whole.SetShared(cached, outcome->sums);
-    message = whole.Whole(*plan_, outcome);
+    message = whole.Whole(plan_ ? &*plan_ : nullptr, outcome);
     sent_bytes = whole.sent_bytes();
     raw_bytes = whole.bytes();
   } else {
-    if (plan_) PostPlan(*plan_);  // it did not have the size, as lists are estimated
-    result = std::make_shared<ResultStream>(outcome, config.settings, options, ResponseCoder(), cached);
+    auto stream =
+        std::make_shared<ResultStream>(outcome, config.request, config.settings, options, ResponseCoder(), cached);
+    if (plan_) stream->SetPlan(*plan_);  // it did not have the size, as lists are estimated
+    result = std::move(stream);
   }
   {
     const std::lock_guard lock(mutex_);
@@ -232,18 +279,18 @@ void ResultCall::Answer(const std::shared_ptr<const JobOutcome>& outcome, bool c
 }
 
 ResultPieces& ResultCall::pieces_made() {
-  if (!pieces_made_) pieces_made_.emplace(config.settings, PiecesOf(state_.options));
+  if (!pieces_made_) pieces_made_.emplace(config.request, config.settings, PiecesOf(state_.options));
   return *pieces_made_;
 }
 
 absl::Status ResultCall::Begin(const ResultHeader& header) {
-  if (plan_) return gathered_.Begin(header);
+  if (gathers_) return gathered_.Begin(header);
   Post(pieces_made().Header(header));
   return absl::OkStatus();
 }
 
 absl::Status ResultCall::Write(size_t array, std::span<const uint8_t> bytes) {
-  if (plan_) return gathered_.Write(array, bytes);
+  if (gathers_) return gathered_.Write(array, bytes);
   while (!bytes.empty()) {
     const std::span<const uint8_t> piece = bytes.first(std::min<uint64_t>(pieces_made().piece_bytes(), bytes.size()));
     if (absl::Status s = WaitForRoom(piece.size()); !s.ok()) return s;
@@ -252,6 +299,10 @@ absl::Status ResultCall::Write(size_t array, std::span<const uint8_t> bytes) {
     bytes = bytes.subspan(piece.size());
   }
   return absl::OkStatus();
+}
+
+bool ResultCall::IsOneMessage(uint64_t result_bytes) const {
+  return !make_export_ && FitsOneMessage(result_bytes, config.settings);
 }
 
 absl::Status ResultCall::WaitForRoom(size_t bytes) {
@@ -291,7 +342,7 @@ void ResultCall::OnProgress(std::string_view stage, double fraction) {
     return;
   }
   const auto now = std::chrono::steady_clock::now();
-  const bool stage_begins = fraction == 0 && !plan_;  // a small result of little work is the only message
+  const bool stage_begins = fraction == 0 && !gathers_;  // a small result of little work is the only message
   if (!stage_begins && now - last_progress_ < kProgressInterval) return;
   last_progress_ = now;
   v1::Progress progress;
@@ -301,7 +352,9 @@ void ResultCall::OnProgress(std::string_view stage, double fraction) {
 }
 
 void ResultCall::PostProgress(const v1::Progress& progress) {
+  if (!sends_progress()) return;
   v1::VoxelizeResponse response;
+  if (plan_) WriteTo(*std::exchange(plan_, std::nullopt), *response.mutable_plan());
   *response.mutable_progress() = progress;
   Post(ResponseCoder().Message(response));
 }
@@ -328,7 +381,7 @@ void ResultCall::Pump() {
       return;
     }
     bool last = false;
-    std::shared_ptr<ResultStream> result;
+    std::shared_ptr<ReplyStream> result;
     std::shared_ptr<ResultCall> keep;
     if (!pending_.empty()) {
       writing_message_.Swap(&pending_.front());
@@ -343,6 +396,7 @@ void ResultCall::Pump() {
       lock.unlock();
       grpc::ByteBuffer message = result->Next();
       lock.lock();
+      if (!end_ && !result->status().ok()) end_ = result->status();
       if (end_) {
         making_ = false;
         FreeLocked();

@@ -35,16 +35,14 @@ namespace voxelpipe {
 // progress and the summary. The object lives until gRPC is done with the call and the worker with the job.
 class ResultCall : protected VoxelizeJob, private ResultSink {
  protected:
-  // How a result of at most kWholeBytes is sent.
-  enum class SmallResult { kInPieces, kInOneMessage };
-
-  ResultCall(ServiceState& state, grpc::CallbackServerContext& context, Rpc rpc, SmallResult small_result);
+  ResultCall(ServiceState& state, grpc::CallbackServerContext& context, Rpc rpc);
 
   // Call once, before anything that may end the call. `self` keeps the object alive until Ended.
   void KeepAlive(std::shared_ptr<ResultCall> self);
 
-  // Steps of the request, in this order: MayBegin and the config, any number of pieces, SubmitJob. Errors are for End.
-  absl::Status TakeConfig(const v1::VoxelizeConfig& message);
+  // Steps of the request, in this order: MayBegin and the request, any number of pieces, SubmitJob. Errors are for End.
+  // Takes the bytes of the mesh that are in the request, too.
+  absl::Status TakeRequest(v1::VoxelizeRequest& message);
   // The next bytes of the mesh, with their CRC-32C, if the client sent one.
   absl::Status TakePiece(std::string piece, std::optional<uint32_t> crc32c);
   void SubmitJob();
@@ -66,6 +64,13 @@ class ResultCall : protected VoxelizeJob, private ResultSink {
   virtual void StartLastMessage(const grpc::ByteBuffer* message) = 0;
   virtual void FinishCall(const grpc::Status& status) = 0;
 
+  // The messages of an exported result, which then come in place of plan, progress and summary. Null: these.
+  virtual std::shared_ptr<ReplyStream> ReplyOfExport(const JobOutcome& /*outcome*/, bool /*cached*/) { return nullptr; }
+  // Before TakeRequest: the result goes to this export.
+  void set_export(MakeExport make) { make_export_ = std::move(make); }
+  // False: no message before the result.
+  virtual bool sends_progress() const { return true; }
+
   ServiceState& state_;
   const CallGate::Pass pass_;             // released when gRPC and the worker are both done
   grpc::CallbackServerContext& context_;  // used by gRPC's threads only
@@ -86,10 +91,18 @@ class ResultCall : protected VoxelizeJob, private ResultSink {
   absl::Status Begin(const ResultHeader& header) override;
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override;
   absl::Status WaitForRoom(size_t bytes);
+  bool IsOneMessage(uint64_t result_bytes) const;
   void OnProgress(std::string_view stage, double fraction);
   ResultPieces& pieces_made();
-  // Hands the result to `exported`, which ends: only the summary remains for the call.
-  absl::Status Export(JobOutcome& outcome);
+  // Hands the result to `exported`, which ends.
+  absl::Status Export(const JobOutcome& outcome);
+  void DoneExport(const std::shared_ptr<JobOutcome>& outcome);
+  // The end of a call after Export.
+  void AnswerExport(const absl::Status& status, const JobOutcome& outcome, bool cached);
+  // The job ended with an error.
+  void Fail(const absl::Status& status);
+  // Ends the call with this last message.
+  void FinishWith(grpc::ByteBuffer summary, const JobOutcome& outcome);
 
   // Sends a result in memory.
   void Answer(const std::shared_ptr<const JobOutcome>& outcome, bool cached);
@@ -105,15 +118,16 @@ class ResultCall : protected VoxelizeJob, private ResultSink {
   void FreeLocked();
 
   MakeExport make_export_;  // null: the result goes to the caller
-  const SmallResult small_result_;
   BudgetShare uploads_, working_;
   bool planned_ = false;
   std::vector<v1::Progress> early_;  // before the plan: the last one of each stage
   std::chrono::steady_clock::time_point last_progress_;
-  std::optional<Plan> plan_;  // not sent yet: it is sent with the result
+  bool gathers_ = false;      // the result is to come in one message
+  std::optional<Plan> plan_;  // not sent yet: it is sent with the first progress or the result
 
   // A streamed or exported result: accessed only by the worker.
   uint64_t exported_bytes_ = 0;
+  Plan export_plan_;
   std::optional<ResultPieces> pieces_made_;
   MemorySink gathered_;  // slabs of a result that is sent in one message
 
@@ -125,7 +139,7 @@ class ResultCall : protected VoxelizeJob, private ResultSink {
   std::condition_variable room_;  // a write was done, or the call ended
   std::deque<grpc::ByteBuffer> pending_;
   size_t pending_bytes_ = 0;
-  std::shared_ptr<ResultStream> result_;
+  std::shared_ptr<ReplyStream> result_;
   bool last_is_pending_ = false;  // pending_ holds the last messages
   grpc::ByteBuffer writing_message_;
   WriteAhead write_ahead_;

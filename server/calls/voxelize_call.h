@@ -1,25 +1,20 @@
-// One Voxelize call: receives the upload, then runs the job.
+// One Voxelize call: one message in, then the job.
 #pragma once
-
-#include <cstdint>
-#include <memory>
 
 #include <grpcpp/grpcpp.h>
 
 #include "absl/status/status.h"
-#include "calls/react_at_once.h"
 #include "calls/result_call.h"
-#include "state/idle_watch.h"
-#include "voxelpipe/v1/voxelization_service.pb.h"
 
 namespace voxelpipe {
 
-class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer>, private ResultCall {
+// A small result costs one hand-over: the thread that ends the job, usually a worker, sends it and finishes the call.
+class VoxelizeCall final : public grpc::ServerWriteReactor<grpc::ByteBuffer>, private ResultCall {
  public:
-  // The reactor of a new call. `state` must outlive it.
-  static VoxelizeCall* Create(ServiceState& state, grpc::CallbackServerContext& server_context);
+  // The reactor of a new call. `state` must outlive it; `request` is consumed immediately.
+  static VoxelizeCall* Create(ServiceState& state, grpc::CallbackServerContext& server_context,
+                              grpc::ByteBuffer& request);
 
-  void OnReadDone(bool ok) override;
   void OnWriteDone(bool ok) override { WriteDone(ok); }
   void OnCancel() override { Cancelled(); }
   void OnDone() override { Ended(); }
@@ -28,17 +23,11 @@ class VoxelizeCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc
  private:
   VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& server_context);
 
-  // With mutex_ held.
-  absl::Status TakeMessage(v1::VoxelizeRequest& request);
-  void UploadEnded();
+  absl::Status TakeMessage(grpc::ByteBuffer& message);
 
   void StartMessage(const grpc::ByteBuffer* message, grpc::WriteOptions options) override;
   void StartLastMessage(const grpc::ByteBuffer* message) override;
   void FinishCall(const grpc::Status& status) override;
-
-  grpc::ByteBuffer read_;
-  uint64_t upload_bytes_seen_ = 0;  // at the start of the wait for more
-  std::unique_ptr<IdleWatch::Wait> upload_wait_;
 };
 
 }  // namespace voxelpipe

@@ -24,8 +24,8 @@ absl::Status DecodeTextures(TriangleMesh& mesh, const LoadLimits& limits, const 
   const bool images = std::any_of(mesh.images.begin(), mesh.images.end(), [](const auto& image) {
     return image != nullptr && image->rgba.empty() && !image->encoded.empty();
   });
-  if (workers != nullptr && images && use.any()) return workers->DecodeTextures(mesh, limits, use, job);
-  return PrepareTexturesFor(job, mesh, limits, use);
+  if (workers != nullptr && images && use.any()) return OfMesh(workers->DecodeTextures(mesh, limits, use, job));
+  return OfMesh(PrepareTexturesFor(job, mesh, limits, use));
 }
 
 }  // namespace voxelpipe

@@ -26,7 +26,7 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> WithPositions(MeshStore& sto
     float xyz[3];
     std::memcpy(xyz, positions.data() + i * kPositionBytes, sizeof xyz);
     if (!std::isfinite(xyz[0]) || !std::isfinite(xyz[1]) || !std::isfinite(xyz[2])) {
-      return absl::InvalidArgumentError(absl::StrCat("new_positions: vertex ", i, " is not finite"));
+      return absl::InvalidArgumentError(absl::StrCat("mesh.stored.positions: vertex ", i, " is not finite"));
     }
     moved->positions[i] = {xyz[0], xyz[1], xyz[2]};
   }
@@ -92,13 +92,13 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareKept(MeshStore& store
 absl::Status CheckMeshBytes(const KeptMesh& kept, const ParsedConfig& config, uint64_t bytes, bool all) {
   if (!config.new_positions) {
     if (bytes == 0) return absl::OkStatus();
-    return absl::InvalidArgumentError("mesh_id: no mesh bytes may follow, unless new_positions says so");
+    return absl::InvalidArgumentError("mesh.stored: no mesh bytes may follow, unless it has positions");
   }
   const uint64_t vertices = kept.vertices();
   const uint64_t wanted = vertices * kPositionBytes;
   if (bytes == wanted || (bytes < wanted && !all)) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat("new_positions: ", wanted, " bytes are wanted, x, y, z of ", vertices,
-                                                 " vertices; ", all ? "" : "at least ", bytes, " came"));
+  return absl::InvalidArgumentError(absl::StrCat("mesh.stored.positions: ", wanted, " bytes are wanted, x, y, z of ",
+                                                 vertices, " vertices; ", all ? "" : "at least ", bytes, " came"));
 }
 
 }  // namespace voxelpipe

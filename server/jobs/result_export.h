@@ -26,15 +26,14 @@ class ResultExport {
   virtual ~ResultExport() = default;
   // The sink of a result that is not in memory as a whole; the same one if the run is repeated.
   virtual ResultSink& sink() = 0;
-  // The run has succeeded. Takes the arrays of `outcome`, unless they went to the sink, and ends the export. Out: its
+  // The run has succeeded. Reads the arrays of `outcome`, unless they went to the sink, and ends the export. Out: its
   // bytes.
-  virtual absl::StatusOr<uint64_t> Close(JobOutcome& outcome) = 0;
+  virtual absl::StatusOr<uint64_t> Close(const JobOutcome& outcome) = 0;
 };
 
 // Makes the export of a job, before its mesh is loaded. May fill in what the request leaves open. `job` outlives the
-// export. INVALID_ARGUMENT if a result of such a request cannot be exported.
-using MakeExport =
-    std::function<absl::StatusOr<std::unique_ptr<ResultExport>>(ParsedConfig& config, const JobContext& job)>;
+// export, which may cancel it. INVALID_ARGUMENT if a result of such a request cannot be exported.
+using MakeExport = std::function<absl::StatusOr<std::unique_ptr<ResultExport>>(ParsedConfig& config, JobContext& job)>;
 
 // Exports that another part of this process offers to a call that it makes over an in-process channel: a ticket travels
 // in the call's metadata. Tickets cannot be guessed, so the same key in a call from elsewhere has no effect.

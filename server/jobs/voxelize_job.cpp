@@ -23,6 +23,7 @@ uint64_t VoxelizeJob::file_bytes() const {
 }
 
 bool VoxelizeJob::loaded() const {
+  if (ready) return false;
   if (mesh) return true;
   if (file_bytes() > kLoadedByWorker) return false;
   // Decoding textures of a stored mesh takes as long as loading it did.
@@ -78,6 +79,10 @@ void VoxelizeJob::Weigh() {
 }
 
 bool VoxelizeJob::Load() {
+  if (ready) {
+    DoneShared(ready, ready_plan, true);
+    return false;
+  }
   if (absl::Status s = Prepare(); !s.ok()) {
     Done(std::move(s));
     return false;

@@ -36,14 +36,17 @@ class VoxelizeJob : public Task {
   JobContext context;
   const JobLimits* limits = nullptr;
   MeshStore* store = nullptr;            // the store of `kept`
-  std::shared_ptr<KeptMesh> kept;        // the mesh of config.mesh_id; null for a file
+  std::shared_ptr<KeptMesh> kept;        // the mesh of config.mesh_name; null for a file
   std::deque<std::string> pieces;        // of the mesh file, or of the stored mesh's new positions; freed after loading
   std::shared_ptr<MemoryBudget> memory;  // of the request (MakeRequestMemory); null: that of the process
   std::shared_ptr<const PreparedMesh> mesh;  // made from these; keeps `memory` alive
   std::unique_ptr<ResultExport> exported;    // takes the result in place of the call; null: the call does
   uint32_t attempts = 0;                     // device workers that tried it
-  bool planned = false;                      // Planned was OK
-  ResumingSink resumed;                      // before large_results(): drops what was already delivered
+  // The outcome of an equal job before: then nothing is run, and a loader calls DoneShared with it.
+  std::shared_ptr<const JobOutcome> ready;
+  Plan ready_plan;
+  bool planned = false;  // Planned was OK
+  ResumingSink resumed;  // before large_results(): drops what was already delivered
 
   // Called by the worker that runs the job, before rasterization. A status other than OK ends the job with it. If the
   // memory of the job is not available, waits for it, or returns ABORTED if it must not wait: the job then runs alone

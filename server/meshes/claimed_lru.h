@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <unordered_map>
 #include <utility>
@@ -57,6 +58,7 @@ class ClaimedLru {
     entry.value = std::move(value);
     entry.bytes = bytes;
     entry.claims = {client};
+    entry.number = next_number_++;
     Stamp(entry);
     Attach(entry);
     bytes_ += bytes;
@@ -142,6 +144,26 @@ class ClaimedLru {
     return Released::kGone;
   }
 
+  struct Listed {
+    std::shared_ptr<Value> value;
+    uint64_t number = 0;  // grows with each value that is inserted
+  };
+  // The values on which `client` has a claim, of null all of them; at most `count`, the newest first, of those with a
+  // number below `before` if that is given. Neither counted nor used.
+  std::vector<Listed> List(const std::string* client, std::optional<uint64_t> before, size_t count) const {
+    std::vector<Listed> list;
+    {
+      const std::lock_guard lock(mutex_);
+      for (const auto& [key, entry] : entries_) {
+        if (before && entry.number >= *before) continue;
+        if (client == nullptr || Claims(entry, *client)) list.push_back({entry.value, entry.number});
+      }
+    }
+    std::sort(list.begin(), list.end(), [](const Listed& a, const Listed& b) { return a.number > b.number; });
+    if (list.size() > count) list.resize(count);
+    return list;
+  }
+
   // Removes and returns a value whatever claims it has; null if there is none.
   std::shared_ptr<Value> Erase(const std::string& key) {
     const std::lock_guard lock(mutex_);
@@ -176,6 +198,7 @@ class ClaimedLru {
     std::shared_ptr<Value> value;
     uint64_t bytes = 0;
     std::vector<std::string> claims;  // the first one pays
+    uint64_t number = 0;              // order of insertion
     uint64_t turn = 0;                // of its last use
     Clock::time_point used;
     typename std::list<Entry*>::iterator place;  // in its payer's order
@@ -203,9 +226,10 @@ class ClaimedLru {
     return entry.value;
   }
   void AddClaim(Entry& entry, const std::string& client) {
-    if (std::find(entry.claims.begin(), entry.claims.end(), client) == entry.claims.end()) {
-      entry.claims.push_back(client);
-    }
+    if (!Claims(entry, client)) entry.claims.push_back(client);
+  }
+  static bool Claims(const Entry& entry, const std::string& client) {
+    return std::find(entry.claims.begin(), entry.claims.end(), client) != entry.claims.end();
   }
   void Attach(Entry& entry) {
     Payer& payer = payers_[entry.claims.front()];
@@ -282,7 +306,7 @@ class ClaimedLru {
   mutable std::mutex mutex_;
   Entries entries_;
   std::map<std::string, Payer> payers_;  // with at least one entry each
-  uint64_t bytes_ = 0, next_turn_ = 0, hits_ = 0, misses_ = 0, evictions_ = 0;
+  uint64_t bytes_ = 0, next_turn_ = 0, next_number_ = 0, hits_ = 0, misses_ = 0, evictions_ = 0;
 };
 
 }  // namespace voxelpipe

@@ -71,20 +71,21 @@ std::shared_ptr<TriangleMesh> CopyWithImages(const TriangleMesh& mesh) {
 
 }  // namespace
 
-absl::StatusOr<std::shared_ptr<KeptMesh>> KeptMesh::Make(const JobContext& job, std::string id, MeshFileType type,
+absl::StatusOr<std::shared_ptr<KeptMesh>> KeptMesh::Make(const JobContext& job, std::string name, MeshFileType type,
                                                          uint64_t file_bytes, LoadedMesh loaded) {
   const absl::StatusOr<MeshReport> report = BoxReport(job, loaded.mesh);
   if (!report.ok()) return report.status();
-  return std::make_shared<KeptMesh>(std::move(id), type, file_bytes, std::move(loaded), *report);
+  return std::make_shared<KeptMesh>(std::move(name), type, file_bytes, std::move(loaded), *report);
 }
 
-KeptMesh::KeptMesh(std::string id, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded, const MeshReport& report)
-    : id_(std::move(id)),
+KeptMesh::KeptMesh(std::string name, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded,
+                   const MeshReport& report)
+    : name_(std::move(name)),
       type_(type),
       file_bytes_(file_bytes),
       triangles_(loaded.mesh.triangles.size()),
       vertices_(loaded.mesh.positions.size()) {
-  loaded.mesh.content_id = id_;
+  loaded.mesh.content_id = name_;
   ReleaseCharges(loaded.mesh);  // counted here from now on
   facts_.report = report;
   CheckImages(loaded.mesh);
@@ -111,7 +112,7 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> KeptMesh::Mesh(const JobCont
     if (absl::Status s = DecodeTextures(*copy, limits, use, workers, job); !s.ok()) return s;
     ReleaseCharges(*copy);
     const TextureUse prepared = Both(prepared_, use);
-    copy->content_id = ContentId(id_, prepared);
+    copy->content_id = ContentId(name_, prepared);
     const uint64_t bytes = KeptBytes(*copy);
     std::shared_ptr<const TriangleMesh> old = copy;
     {

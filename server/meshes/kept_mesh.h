@@ -25,14 +25,14 @@ class LoadWorkers;
 // Thread-safe. Returned meshes never change: textures are decoded into a copy, which replaces the mesh.
 class KeptMesh {
  public:
-  // `id`: that of MeshIdOf (wire/mesh_id.h). `type`: of the file, its format not kAuto. Errors: the job's. May throw
+  // `name`: that of MeshNameOf (wire/mesh_name.h). `type`: of the file, its format not kAuto. Errors: the job's. May throw
   // bad_alloc.
-  static absl::StatusOr<std::shared_ptr<KeptMesh>> Make(const JobContext& job, std::string id, MeshFileType type,
+  static absl::StatusOr<std::shared_ptr<KeptMesh>> Make(const JobContext& job, std::string name, MeshFileType type,
                                                         uint64_t file_bytes, LoadedMesh loaded);
   // `report`: BoxReport of the mesh.
-  KeptMesh(std::string id, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded, const MeshReport& report);
+  KeptMesh(std::string name, MeshFileType type, uint64_t file_bytes, LoadedMesh loaded, const MeshReport& report);
 
-  const std::string& id() const { return id_; }
+  const std::string& name() const { return name_; }
   const MeshFileType& type() const { return type_; }
   uint64_t file_bytes() const { return file_bytes_; }
   uint64_t triangles() const { return triangles_; }  // of the flattened mesh
@@ -73,7 +73,7 @@ class KeptMesh {
   // Locks `preparing`, a lock of preparing_, or returns the job's error, because its holder may wait for memory.
   static absl::Status Lock(std::unique_lock<std::timed_mutex>& preparing, const JobContext& job);
 
-  const std::string id_;
+  const std::string name_;
   const MeshFileType type_;
   const uint64_t file_bytes_;
   const uint64_t triangles_, vertices_;

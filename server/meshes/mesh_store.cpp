@@ -11,8 +11,8 @@ namespace voxelpipe {
 
 absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Insert(std::shared_ptr<KeptMesh> mesh, const std::string& client) {
   const uint64_t bytes = mesh->memory_bytes();
-  const std::string id = mesh->id();
-  auto [kept, room] = meshes_.Insert(id, std::move(mesh), bytes, client);
+  const std::string name = mesh->name();
+  auto [kept, room] = meshes_.Insert(name, std::move(mesh), bytes, client);
   if (kept) return kept;
   if (room < max_bytes()) {
     return MakeLimitError(
@@ -26,9 +26,9 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Insert(std::shared_ptr<Kept
       {bytes, max_bytes(), 0});
 }
 
-absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Take(const std::string& id) {
-  std::shared_ptr<KeptMesh> mesh = meshes_.Use(id);
-  if (!mesh) return MissingMeshError(id);
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Take(const std::string& name) {
+  std::shared_ptr<KeptMesh> mesh = meshes_.Use(name);
+  if (!mesh) return MissingMeshError(name);
   mesh->CountUse();
   return mesh;
 }
@@ -38,7 +38,7 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshStore::Mesh(const JobCon
                                                                     LoadWorkers* workers) {
   if (mesh.ready(use)) return mesh.Mesh(job, use, limits);
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> textured = mesh.Mesh(job, use, limits, workers);
-  if (textured.ok()) meshes_.Resize(mesh.id(), &mesh, mesh.memory_bytes());
+  if (textured.ok()) meshes_.Resize(mesh.name(), &mesh, mesh.memory_bytes());
   return textured;
 }
 
@@ -46,21 +46,21 @@ std::shared_ptr<TriangleMesh> MeshStore::Moved(KeptMesh& mesh, const std::shared
   if (mesh.keeps_moved()) return mesh.Moved(of, true);
   const bool keep_one = mesh.memory_bytes() <= max_bytes() / 16;
   std::shared_ptr<TriangleMesh> moved = mesh.Moved(of, keep_one);
-  if (keep_one) meshes_.Resize(mesh.id(), &mesh, mesh.memory_bytes());
+  if (keep_one) meshes_.Resize(mesh.name(), &mesh, mesh.memory_bytes());
   return moved;
 }
 
-absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Get(const std::string& id) const {
-  std::shared_ptr<KeptMesh> mesh = meshes_.Peek(id);
-  if (!mesh) return MissingMeshError(id);
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Get(const std::string& name) const {
+  std::shared_ptr<KeptMesh> mesh = meshes_.Peek(name);
+  if (!mesh) return MissingMeshError(name);
   return mesh;
 }
 
-absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Release(const std::string& id, const std::string& client) {
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Release(const std::string& name, const std::string& client) {
   std::shared_ptr<KeptMesh> gone;
-  switch (meshes_.Release(id, client, gone)) {
+  switch (meshes_.Release(name, client, gone)) {
     case ClaimedLru<KeptMesh>::Released::kNoClaim:
-      if (!meshes_.Peek(id)) return MissingMeshError(id);
+      if (!meshes_.Peek(name)) return MissingMeshError(name);
       return absl::PermissionDeniedError("the mesh was uploaded by others");
     case ClaimedLru<KeptMesh>::Released::kStays: return nullptr;
     case ClaimedLru<KeptMesh>::Released::kGone: break;
@@ -68,17 +68,10 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Release(const std::string& 
   return gone;
 }
 
-absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Delete(const std::string& id) {
-  std::shared_ptr<KeptMesh> mesh = meshes_.Erase(id);
-  if (!mesh) return MissingMeshError(id);
+absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Delete(const std::string& name) {
+  std::shared_ptr<KeptMesh> mesh = meshes_.Erase(name);
+  if (!mesh) return MissingMeshError(name);
   return mesh;
-}
-
-absl::Status CheckMeshId(std::string_view id, std::string_view field) {
-  const bool digits =
-      std::all_of(id.begin(), id.end(), [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });
-  if (id.size() == 64 && digits) return absl::OkStatus();
-  return absl::InvalidArgumentError(absl::StrCat(std::string(field), ": must be 64 hexadecimal digits, lower case"));
 }
 
 }  // namespace voxelpipe

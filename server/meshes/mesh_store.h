@@ -32,12 +32,12 @@ class MeshStore {
 
   // The mesh, adding a claim of `client`, which also uploaded it; it becomes the most recently used; null if there is
   // none.
-  std::shared_ptr<KeptMesh> Claim(const std::string& id, const std::string& client) {
-    return meshes_.Claim(id, client);
+  std::shared_ptr<KeptMesh> Claim(const std::string& name, const std::string& client) {
+    return meshes_.Claim(name, client);
   }
 
   // The mesh for a job; it becomes the most recently used. NOT_FOUND (MissingMeshError).
-  absl::StatusOr<std::shared_ptr<KeptMesh>> Take(const std::string& id);
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Take(const std::string& name);
 
   // KeptMesh::Mesh for a mesh of this store; counts the memory of its textures.
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const JobContext& job, KeptMesh& mesh, const TextureUse& use,
@@ -48,18 +48,25 @@ class MeshStore {
   std::shared_ptr<TriangleMesh> Moved(KeptMesh& mesh, const std::shared_ptr<const TriangleMesh>& of);
 
   // Marks the mesh as most recently used, without a job; null if there is none.
-  std::shared_ptr<KeptMesh> Touch(const std::string& id) { return meshes_.Touch(id); }
+  std::shared_ptr<KeptMesh> Touch(const std::string& name) { return meshes_.Touch(name); }
 
   // The mesh, without counting a use. NOT_FOUND (MissingMeshError).
-  absl::StatusOr<std::shared_ptr<KeptMesh>> Get(const std::string& id) const;
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Get(const std::string& name) const;
 
   // Releases the client's claim on the mesh, and removes the mesh if no other client has one. Out: the mesh, so that
   // the caller chooses the thread that frees it; null if it stays for others. NOT_FOUND (MissingMeshError);
   // PERMISSION_DENIED without a claim.
-  absl::StatusOr<std::shared_ptr<KeptMesh>> Release(const std::string& id, const std::string& client);
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Release(const std::string& name, const std::string& client);
 
   // Removes the mesh whatever claims it has, and returns it. NOT_FOUND (MissingMeshError).
-  absl::StatusOr<std::shared_ptr<KeptMesh>> Delete(const std::string& id);
+  absl::StatusOr<std::shared_ptr<KeptMesh>> Delete(const std::string& name);
+
+  // The meshes on which `client` has a claim, of null all of them; at most `count`, the newest first. `before`: the
+  // number of the last one of the page before, with which the list goes on; absent: the beginning.
+  using Listed = ClaimedLru<KeptMesh>::Listed;
+  std::vector<Listed> List(const std::string* client, std::optional<uint64_t> before, size_t count) const {
+    return meshes_.List(client, before, count);
+  }
 
   LruStats stats() const { return meshes_.stats(); }
   uint64_t max_bytes() const { return meshes_.limit_bytes(); }
@@ -69,8 +76,5 @@ class MeshStore {
  private:
   ClaimedLru<KeptMesh> meshes_;
 };
-
-// Checks that the text can name a mesh: 64 hexadecimal digits, lower case. INVALID_ARGUMENT naming the field otherwise.
-absl::Status CheckMeshId(std::string_view id, std::string_view field);
 
 }  // namespace voxelpipe

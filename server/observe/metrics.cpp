@@ -22,8 +22,9 @@ using prometheus::Histogram;
 using prometheus::Registry;
 
 constexpr std::array<const char*, kRpcs> kRpcNames = {
-    "Voxelize",   "VoxelizeMany", "VoxelizeMesh", "EstimateVoxelization", "ListShaders", "GetServerInfo",
-    "UploadMesh", "GetMesh",      "DeleteMesh",    "HealthCheck",          "HealthWatch"};
+    "Voxelize",   "VoxelizeUpload", "VoxelizeBatch", "ExportFile",  "EstimateVoxelization",
+    "CreateMesh", "UploadMesh",     "GetMesh",       "ListMeshes",  "ReleaseMesh",
+    "DeleteMesh", "ListShaders",    "GetServerInfo", "HealthCheck", "HealthWatch"};
 constexpr std::array<const char*, kRefusals> kRefusalNames = {
     "no_token", "bad_token", "role", "quota_rate", "quota_calls", "quota_bytes", "tls_handshake"};
 constexpr std::array<const char*, kAdmissions> kAdmissionNames = {"jobs", "bytes", "time", "deadline"};
@@ -141,8 +142,8 @@ Metrics::Metrics(std::unique_ptr<Registry> registry, std::unique_ptr<Families>)
       mesh_store_bytes(OneGauge(*registry, "voxelpipe_mesh_store_bytes", "Memory of the stored meshes")),
       mesh_store_limit_bytes(OneGauge(*registry, "voxelpipe_mesh_store_limit_bytes", "Memory that they may take")),
       mesh_store_meshes(OneGauge(*registry, "voxelpipe_mesh_store_meshes", "Stored meshes")),
-      mesh_store_hits(One(*registry, "voxelpipe_mesh_store_hits_total", "Mesh ids found in the store")),
-      mesh_store_misses(One(*registry, "voxelpipe_mesh_store_misses_total", "Mesh ids not found in the store")),
+      mesh_store_hits(One(*registry, "voxelpipe_mesh_store_hits_total", "Names of meshes found in the store")),
+      mesh_store_misses(One(*registry, "voxelpipe_mesh_store_misses_total", "Names of meshes not found in the store")),
       mesh_store_evictions(One(*registry, "voxelpipe_mesh_store_evictions_total", "Meshes evicted from the store")),
       result_cache_bytes(OneGauge(*registry, "voxelpipe_result_cache_bytes", "Memory of the cached results")),
       result_cache_limit_bytes(OneGauge(*registry, "voxelpipe_result_cache_limit_bytes", "Memory that they may take")),

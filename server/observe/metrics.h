@@ -26,18 +26,22 @@ namespace voxelpipe {
 // The calls of all services of the server.
 enum class Rpc {
   kVoxelize,
-  kVoxelizeMany,
-  kVoxelizeMesh,
+  kVoxelizeUpload,
+  kVoxelizeBatch,
+  kExportFile,
   kEstimateVoxelization,
-  kListShaders,
-  kGetServerInfo,
+  kCreateMesh,
   kUploadMesh,
   kGetMesh,
+  kListMeshes,
+  kReleaseMesh,
   kDeleteMesh,
+  kListShaders,
+  kGetServerInfo,
   kHealthCheck,
   kHealthWatch,
 };
-inline constexpr size_t kRpcs = 11;
+inline constexpr size_t kRpcs = 15;
 // "Voxelize", ... as the protos name them; of the health service "HealthCheck", "HealthWatch".
 const char* RpcName(Rpc rpc);
 
@@ -106,7 +110,7 @@ class Metrics {
   prometheus::Counter& result_bytes;    // of the same results, before compression
   prometheus::Counter& Refused(Refusal reason);
 
-  // ---- jobs: one a Voxelize or VoxelizeMesh call, many in a VoxelizeMany
+  // ---- jobs: one a Voxelize or VoxelizeUpload call, many in a VoxelizeBatch
   void JobEnded(absl::StatusCode code);
   Seconds& QueueWait(size_t priority);  // below kPriorityClasses; from admission to a worker
   Seconds& job_seconds;                 // from the worker to the result in memory, including loading

@@ -21,6 +21,7 @@ constexpr uint64_t kMinTransportBytes = 128 << 20;
 constexpr uint32_t kDayMs = 86'400'000;
 // Load balancers check health every few seconds.
 constexpr uint32_t kLameDuckBeyondLoopbackMs = 5'000;
+constexpr uint64_t kResultCacheOfPage = 64 << 20;
 
 const std::map<std::string, BackendChoice> kBackends = {
     {"auto", BackendChoice::kAuto}, {"cpu", BackendChoice::kCpu}, {"cuda", BackendChoice::kCuda}};
@@ -95,9 +96,14 @@ std::optional<ParseStop> CheckTogether(const ServerOptions& options, const std::
 // The defaults that depend on other options.
 void ChooseDefaults(ServerOptions& options, std::vector<OptionValue>& values) {
   for (OptionValue& value : values) {
-    if (value.key != "lame-duck-ms" || value.source != "default") continue;
-    if (ListensBeyondLoopback(options.listen)) options.lame_duck_ms = kLameDuckBeyondLoopbackMs;
-    value.value = std::to_string(options.lame_duck_ms);
+    if (value.source != "default") continue;
+    if (value.key == "lame-duck-ms") {
+      if (ListensBeyondLoopback(options.listen)) options.lame_duck_ms = kLameDuckBeyondLoopbackMs;
+      value.value = std::to_string(options.lame_duck_ms);
+    } else if (value.key == "result-cache-bytes") {
+      if (!options.web_listen.empty()) options.result_cache_bytes = kResultCacheOfPage;
+      value.value = std::to_string(options.result_cache_bytes);
+    }
   }
 }
 
@@ -124,7 +130,7 @@ void AddServing(OptionList& list, ServerOptions& o) {
       "--web-connections-per-address", o.web_connections_per_address, 0, kMaxWebConnections, "",
       "connections to that address at the same time from one IPv4 address or one IPv6 network of 64 bits, of "
       "128 in all; 0: no limit, for a proxy before it, from which all its clients come");
-  list.AddBytes("--web-file-bytes", o.web_file_bytes, 1, "temporary files of results that browsers download, together");
+  list.AddBytes("--export-bytes", o.export_bytes, 1, "temporary files of results that are sent as files, together");
   list.Add("--reflection", o.reflection,
            "clients may query the descriptions of the services (grpc.reflection.v1 and v1alpha)");
 }
@@ -227,8 +233,10 @@ void AddSizes(OptionList& list, ServerOptions& o) {
   list.Add("--share-equal-jobs", o.share_equal_jobs,
            "equal jobs on stored meshes at the same time run once (without a result cache only those predicted to take "
            "0.1 ms or more); false for load tests with equal requests");
-  list.AddBytes("--result-cache-bytes", o.result_cache_bytes,
-                "results that are kept for equal requests on stored meshes; 0: none");
+  list.AddBytes(
+      "--result-cache-bytes", o.result_cache_bytes,
+      "results that are kept for equal requests on stored meshes; 0: none; by default 64 MiB with --web-listen, so "
+      "that a download needs no second run");
   list.AddNumber("--idle-memory-ms", o.idle_memory_ms, 0u, 1'000'000'000u, "ms",
                  "memory kept for the next jobs is returned to the system if unused for this time; 0: never");
   list.AddNumber(
@@ -244,10 +252,10 @@ void AddStreams(OptionList& list, ServerOptions& o) {
   list.AddBytes("--stream-buffer-bytes", o.stream_buffer_bytes,
                 "pieces of a result that is sent slab by slab and wait for their client; beyond it the worker waits");
   list.AddNumber(
-      "--many-in-flight", o.many_in_flight, 1u, 1'000'000u, "jobs",
-      "jobs of one VoxelizeMany stream in progress; beyond it the stream is not read, but for the other jobs "
+      "--batch-call-jobs", o.batch_call_jobs, 1u, 1'000'000u, "jobs",
+      "jobs of one VoxelizeBatch stream in progress; beyond it the stream is not read, but for the other jobs "
       "of a message, 255 at most");
-  list.AddBytes("--many-bytes", o.many_bytes, 1, "meshes and results of these jobs");
+  list.AddBytes("--batch-call-bytes", o.batch_call_bytes, 1, "meshes and results of these jobs");
   list.AddDuration(
       "--max-connection-age-ms,--max-connection-age", o.max_connection_age_ms, kDayMs,
       "a connection is closed (GOAWAY) after about this time (within a tenth), so that clients behind a load "

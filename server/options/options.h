@@ -65,8 +65,8 @@ struct ServerOptions {
   uint64_t max_transport_bytes = 0;
   uint32_t lame_duck_ms = 500;
   uint32_t drain_grace_ms = 30'000;
-  uint32_t many_in_flight = 256;
-  uint64_t many_bytes = 64 << 20;
+  uint32_t batch_call_jobs = 256;
+  uint64_t batch_call_bytes = 64 << 20;
   uint32_t max_connection_age_ms = 0;
   uint32_t max_connection_age_grace_ms = 0;
   uint64_t piece_bytes = 1 << 20;
@@ -80,7 +80,7 @@ struct ServerOptions {
   std::string http_listen;
   std::string web_listen, web_origin;
   uint32_t web_connections_per_address = kMaxWebConnections / 4;
-  uint64_t web_file_bytes = 2ull << 30;
+  uint64_t export_bytes = 2ull << 30;
   std::string token_file;
   bool open_health = true;
   uint32_t reload_interval_ms = 5000;

@@ -17,18 +17,19 @@ enum class Fields { kPossible, kBroken, kTooMany };
 // million.
 class SettingsCounter {
  public:
-  explicit SettingsCounter(CodedInputStream& in) : in_(in) {}
+  SettingsCounter(CodedInputStream& in, std::span<const MeshPath> paths) : in_(in), paths_(paths) {}
 
-  // Up to the current limit of `in`.
-  Fields Count(const MeshFields& fields) {
+  // Up to the current limit of `in`, within a message at the end of the first `depth` fields of the paths in `within`,
+  // one bit each.
+  Fields Count(uint32_t within, size_t depth) {
     for (;;) {
       const int begin = in_.CurrentPosition();
       const uint32_t tag = in_.ReadTag();
       if (tag == 0) return in_.ConsumedEntireMessage() ? Fields::kPossible : Fields::kBroken;
-      const int field = WireFormatLite::GetTagFieldNumber(tag);
-      const bool mesh = field == fields.own, inner = field == fields.inner;
+      const bool has_length = WireFormatLite::GetTagWireType(tag) == WireFormatLite::WIRETYPE_LENGTH_DELIMITED;
+      const auto [mesh, deeper] = Follow(has_length ? WireFormatLite::GetTagFieldNumber(tag) : 0, within, depth);
       int length = 0;
-      if (WireFormatLite::GetTagWireType(tag) != WireFormatLite::WIRETYPE_LENGTH_DELIMITED || (!mesh && !inner)) {
+      if (!mesh && deeper == 0) {
         if (!WireFormatLite::SkipField(&in_, tag)) return Fields::kBroken;
       } else if (!in_.ReadVarintSizeAsInt(&length)) {
         return Fields::kBroken;
@@ -36,26 +37,46 @@ class SettingsCounter {
       bytes_ += uint64_t(in_.CurrentPosition() - begin);
       if (bytes_ > kMaxSettingsBytes) return Fields::kTooMany;
       if (mesh && !in_.Skip(length)) return Fields::kBroken;
-      if (inner && length > 0) {
+      if (deeper != 0 && length > 0) {
         const CodedInputStream::Limit limit = in_.PushLimit(length);
-        if (const Fields found = Count({fields.of_inner, 0, 0}); found != Fields::kPossible) return found;
+        if (const Fields found = Count(deeper, depth + 1); found != Fields::kPossible) return found;
         in_.PopLimit(limit);
       }
     }
   }
 
  private:
+  struct Step {
+    bool mesh = false;    // the field has mesh bytes
+    uint32_t deeper = 0;  // the paths that go on within it
+  };
+  Step Follow(int field, uint32_t within, size_t depth) const {
+    Step step;
+    if (field == 0) return step;
+    for (size_t i = 0; i < paths_.size(); ++i) {
+      const MeshPath& path = paths_[i];
+      if ((within >> i & 1) == 0 || path[depth] != field) continue;
+      if (depth + 1 == path.size() || path[depth + 1] == 0) {
+        step.mesh = true;
+      } else {
+        step.deeper |= uint32_t{1} << i;
+      }
+    }
+    return step;
+  }
+
   CodedInputStream& in_;
+  const std::span<const MeshPath> paths_;
   uint64_t bytes_ = 0;  // outside the mesh
 };
 
 }  // namespace
 
-absl::Status CheckSettingsBytes(grpc::ByteBuffer& bytes, const MeshFields& fields) {
+absl::Status CheckSettingsBytes(grpc::ByteBuffer& bytes, std::span<const MeshPath> paths) {
   if (bytes.Length() <= kMaxSettingsBytes) return absl::OkStatus();
   grpc::ProtoBufferReader reader(&bytes);
   CodedInputStream in(&reader);
-  switch (SettingsCounter(in).Count(fields)) {
+  switch (SettingsCounter(in, paths).Count(~uint32_t{0}, 0)) {
     case Fields::kPossible: return absl::OkStatus();
     case Fields::kBroken: return absl::InvalidArgumentError("message: its fields do not end where it ends");
     case Fields::kTooMany: break;

@@ -1,7 +1,9 @@
 // Raw gRPC messages: parsing with a bound on memory, and serialization.
 #pragma once
 
+#include <array>
 #include <cstddef>
+#include <span>
 #include <string>
 
 #include <google/protobuf/message.h>
@@ -17,34 +19,50 @@ namespace voxelpipe {
 // The limit of a request message without its mesh bytes. Empty fields take about sixty times their bytes after parsing.
 inline constexpr size_t kMaxSettingsBytes = 1 << 20;
 
-// The fields with mesh bytes: one of the message, and one of each message in its field `inner`. 0: none.
-struct MeshFields {
-  int own = 0, inner = 0, of_inner = 0;
-};
+// The way to a field with mesh bytes: the numbers of the fields in which it lies, from the message inwards, then its
+// own; 0 after the last.
+using MeshPath = std::array<int, 6>;
+// Of the fields with mesh bytes in a request: `prefix` leads to the VoxelizeRequest.
+template <typename... Prefix>
+constexpr std::array<MeshPath, 2> MeshPathsOf(Prefix... prefix) {
+  return {MeshPath{prefix..., v1::VoxelizeRequest::kMeshFieldNumber, v1::MeshSource::kBytesFieldNumber,
+                   v1::MeshBytes::kDataFieldNumber},
+          MeshPath{prefix..., v1::VoxelizeRequest::kMeshFieldNumber, v1::MeshSource::kStoredFieldNumber,
+                   v1::StoredMesh::kPositionsFieldNumber, v1::MeshPositions::kDataFieldNumber}};
+}
 template <typename Message>
-inline constexpr MeshFields kMeshFields;
+inline constexpr std::array<MeshPath, 0> kMeshPaths;
 template <>
-inline constexpr MeshFields kMeshFields<v1::VoxelizeRequest>{v1::VoxelizeRequest::kMeshPieceFieldNumber, 0, 0};
+inline constexpr auto kMeshPaths<v1::VoxelizeRequest> = MeshPathsOf();
 template <>
-inline constexpr MeshFields kMeshFields<v1::VoxelizeMeshRequest>{v1::VoxelizeMeshRequest::kMeshFieldNumber, 0, 0};
+inline constexpr std::array<MeshPath, 3> kMeshPaths<v1::VoxelizeUploadRequest>{
+    MeshPath{v1::VoxelizeUploadRequest::kPieceFieldNumber},
+    MeshPathsOf(v1::VoxelizeUploadRequest::kRequestFieldNumber)[0],
+    MeshPathsOf(v1::VoxelizeUploadRequest::kRequestFieldNumber)[1]};
 template <>
-inline constexpr MeshFields kMeshFields<v1::VoxelizeManyRequest>{v1::VoxelizeManyRequest::kMeshFieldNumber,
-                                                                 v1::VoxelizeManyRequest::kMoreFieldNumber,
-                                                                 v1::VoxelizeManyRequest::kMeshFieldNumber};
+inline constexpr auto kMeshPaths<v1::VoxelizeBatchRequest> = MeshPathsOf(v1::VoxelizeBatchRequest::kJobsFieldNumber,
+                                                                         v1::BatchJob::kRequestFieldNumber);
 template <>
-inline constexpr MeshFields kMeshFields<v1::EstimateVoxelizationRequest>{
-    v1::EstimateVoxelizationRequest::kMeshBytesFieldNumber, 0, 0};
+inline constexpr auto kMeshPaths<v1::ExportFileRequest> = MeshPathsOf(v1::ExportFileRequest::kRequestFieldNumber);
 template <>
-inline constexpr MeshFields kMeshFields<v1::UploadMeshRequest>{v1::UploadMeshRequest::kPieceFieldNumber, 0, 0};
+inline constexpr std::array<MeshPath, 1> kMeshPaths<v1::EstimateVoxelizationRequest>{
+    MeshPath{v1::EstimateVoxelizationRequest::kMeshFieldNumber, v1::MeshSource::kBytesFieldNumber,
+             v1::MeshBytes::kDataFieldNumber}};
+template <>
+inline constexpr std::array<MeshPath, 1> kMeshPaths<v1::CreateMeshRequest>{
+    MeshPath{v1::CreateMeshRequest::kMeshFieldNumber, v1::MeshBytes::kDataFieldNumber}};
+template <>
+inline constexpr std::array<MeshPath, 1> kMeshPaths<v1::UploadMeshRequest>{
+    MeshPath{v1::UploadMeshRequest::kPieceFieldNumber}};
 
 // INVALID_ARGUMENT if a message has more than kMaxSettingsBytes besides its mesh bytes, or is malformed before that.
-// Does not consume `bytes`, does not allocate.
-absl::Status CheckSettingsBytes(grpc::ByteBuffer& bytes, const MeshFields& fields);
+// `paths`: at most 32. Does not consume `bytes`, does not allocate.
+absl::Status CheckSettingsBytes(grpc::ByteBuffer& bytes, std::span<const MeshPath> paths);
 
 // Parses `message` and consumes `bytes`. INVALID_ARGUMENT if they are malformed or exceed the limit.
 template <typename Message>
 absl::Status ReadMessage(grpc::ByteBuffer& bytes, Message& message) {
-  absl::Status status = CheckSettingsBytes(bytes, kMeshFields<Message>);
+  absl::Status status = CheckSettingsBytes(bytes, kMeshPaths<Message>);
   if (status.ok() && !grpc::SerializationTraits<Message>::Deserialize(&bytes, &message).ok()) {
     status = absl::InvalidArgumentError(absl::StrCat("message: not a ", Message::descriptor()->name()));
   }

@@ -37,7 +37,7 @@ size_t VarintSize(uint64_t value) {
 std::string PieceHead(const CodedPiece& piece) {
   std::string head;
   if (piece.array != 0) {
-    PutKey(v1::ResultPiece::kTargetFieldNumber, kVarint, head);
+    PutKey(v1::ResultPiece::kArrayFieldNumber, kVarint, head);
     PutVarint(piece.array, head);
   }
   if (piece.offset != 0) {
@@ -46,30 +46,17 @@ std::string PieceHead(const CodedPiece& piece) {
   }
   PutKey(v1::ResultPiece::kCrc32CFieldNumber, kFixed32, head);
   for (int shift = 0; shift < 32; shift += 8) head.push_back(char(uint8_t(piece.crc32c >> shift)));
-  if (piece.raw_bytes != 0) {
-    PutKey(v1::ResultPiece::kRawBytesFieldNumber, kVarint, head);
-    PutVarint(piece.raw_bytes, head);
+  if (piece.uncompressed_bytes) {
+    PutKey(v1::ResultPiece::kUncompressedBytesFieldNumber, kVarint, head);
+    PutVarint(*piece.uncompressed_bytes, head);
   }
   PutLength(v1::ResultPiece::kDataFieldNumber, piece.data.size(), head);
   return head;
 }
 
-// Begins a message of `bytes` bytes in field `field`, in the envelope of its job if it has one.
-std::string Envelope(std::optional<uint64_t> job_id, int field, int many_field, bool is_part, uint64_t bytes) {
-  std::string out;
-  if (!job_id) {
-    PutLength(field, bytes, out);
-    return out;
-  }
-  PutKey(v1::VoxelizeManyResponse::kIdFieldNumber, kVarint, out);
-  PutVarint(*job_id, out);
-  if (!is_part) {
-    PutLength(many_field, bytes, out);
-    return out;
-  }
-  PutLength(many_field, 1 + VarintSize(bytes) + bytes, out);
-  PutLength(field, bytes, out);
-  return out;
+// A field of `bytes` bytes with its key and length; keys take a byte.
+uint64_t FieldSize(uint64_t bytes) {
+  return 1 + VarintSize(bytes) + bytes;
 }
 
 // Collects text and referenced bytes as slices.
@@ -105,27 +92,27 @@ class Slices {
 
 }  // namespace
 
-grpc::ByteBuffer AnswersInOne(std::span<const grpc::ByteBuffer* const> answers) {
+grpc::ByteBuffer RepliesInOne(std::span<const grpc::ByteBuffer* const> messages) {
   std::vector<grpc::Slice> all, one;
-  for (const grpc::ByteBuffer* answer : answers) {
-    if (!all.empty()) {
-      std::string head;
-      PutLength(v1::VoxelizeManyResponse::kMoreFieldNumber, answer->Length(), head);
-      all.emplace_back(head);
-    }
-    answer->Dump(&one);
+  for (const grpc::ByteBuffer* message : messages) {  // elements of a repeated field follow one another
+    message->Dump(&one);
     std::move(one.begin(), one.end(), std::back_inserter(all));
   }
   return {all.data(), all.size()};
 }
 
+std::string ResponseCoder::Envelope(uint64_t response_bytes) const {
+  std::string out;
+  if (!job_id_) return out;
+  PutLength(v1::VoxelizeBatchResponse::kRepliesFieldNumber, 1 + VarintSize(*job_id_) + FieldSize(response_bytes), out);
+  PutKey(v1::BatchReply::kIdFieldNumber, kVarint, out);
+  PutVarint(*job_id_, out);
+  PutLength(v1::BatchReply::kResponseFieldNumber, response_bytes, out);
+  return out;
+}
+
 grpc::ByteBuffer ResponseCoder::Message(const v1::VoxelizeResponse& response) const {
-  std::string text;
-  if (job_id_) {
-    PutKey(v1::VoxelizeManyResponse::kIdFieldNumber, kVarint, text);
-    PutVarint(*job_id_, text);
-    PutLength(v1::VoxelizeManyResponse::kPartFieldNumber, response.ByteSizeLong(), text);
-  }
+  std::string text = Envelope(response.ByteSizeLong());
   response.AppendToString(&text);
   const grpc::Slice slice(text);
   return {&slice, 1};
@@ -133,32 +120,31 @@ grpc::ByteBuffer ResponseCoder::Message(const v1::VoxelizeResponse& response) co
 
 grpc::ByteBuffer ResponseCoder::Piece(const CodedPiece& piece) const {
   const std::string head = PieceHead(piece);
+  const uint64_t piece_bytes = head.size() + piece.data.size();
   Slices slices;
-  slices.text = Envelope(job_id_, v1::VoxelizeResponse::kPieceFieldNumber, v1::VoxelizeManyResponse::kPartFieldNumber,
-                         true, head.size() + piece.data.size());
+  slices.text = Envelope(FieldSize(piece_bytes));
+  PutLength(v1::VoxelizeResponse::kPiecesFieldNumber, piece_bytes, slices.text);
   slices.text += head;
   slices.Add(piece);
   return slices.Take();
 }
 
-grpc::ByteBuffer ResponseCoder::Whole(const v1::WholeResult& head, std::span<const CodedPiece> pieces) const {
+grpc::ByteBuffer ResponseCoder::Whole(const v1::VoxelizeResponse& head, std::span<const CodedPiece> pieces) const {
   std::vector<std::string> heads;
   const size_t head_bytes = head.ByteSizeLong();
   uint64_t bytes = head_bytes;
   for (const CodedPiece& piece : pieces) {
     heads.push_back(PieceHead(piece));
-    const uint64_t piece_bytes = heads.back().size() + piece.data.size();
-    bytes += 1 + VarintSize(piece_bytes) + piece_bytes;
+    bytes += FieldSize(heads.back().size() + piece.data.size());
   }
   Slices slices;
-  slices.text = Envelope(job_id_, v1::VoxelizeResponse::kWholeFieldNumber, v1::VoxelizeManyResponse::kWholeFieldNumber,
-                         false, bytes);
+  slices.text = Envelope(bytes);
   slices.text.reserve(slices.text.size() + size_t(bytes < kCopyBelow ? bytes : head_bytes));
   const size_t begin = slices.text.size();
   slices.text.resize(begin + head_bytes);
   head.SerializeWithCachedSizesToArray(reinterpret_cast<uint8_t*>(slices.text.data() + begin));
   for (size_t i = 0; i < pieces.size(); ++i) {
-    PutLength(v1::WholeResult::kPiecesFieldNumber, heads[i].size() + pieces[i].data.size(), slices.text);
+    PutLength(v1::VoxelizeResponse::kPiecesFieldNumber, heads[i].size() + pieces[i].data.size(), slices.text);
     slices.text += heads[i];
     slices.Add(pieces[i]);
   }

@@ -18,12 +18,13 @@ namespace voxelpipe {
 // One piece: its fields, and a view of its bytes.
 struct CodedPiece {
   uint32_t array = 0, crc32c = 0;
-  uint64_t offset = 0, raw_bytes = 0;  // see ResultPiece
+  uint64_t offset = 0;
+  std::optional<uint64_t> uncompressed_bytes;  // see ResultPiece
   std::span<const uint8_t> data;
   std::shared_ptr<const void> owner;  // keeps `data` until gRPC has sent it; null: `data` is copied
 };
 
-// Messages of one Voxelize or VoxelizeMesh call, or of one job of a VoxelizeMany call.
+// The messages of a call with one result, or of one job of a VoxelizeBatch call.
 class ResponseCoder {
  public:
   ResponseCoder() = default;
@@ -33,14 +34,16 @@ class ResponseCoder {
   grpc::ByteBuffer Message(const v1::VoxelizeResponse& response) const;
   grpc::ByteBuffer Piece(const CodedPiece& piece) const;
   // `head`: everything but the pieces.
-  grpc::ByteBuffer Whole(const v1::WholeResult& head, std::span<const CodedPiece> pieces) const;
+  grpc::ByteBuffer Whole(const v1::VoxelizeResponse& head, std::span<const CodedPiece> pieces) const;
 
  private:
+  // Begins a message: what is around a response of so many bytes.
+  std::string Envelope(uint64_t response_bytes) const;
+
   std::optional<uint64_t> job_id_;
 };
 
-// Responses of a VoxelizeMany call, at least one, as one message: the first one with the others in `more`. Shares their
-// bytes.
-grpc::ByteBuffer AnswersInOne(std::span<const grpc::ByteBuffer* const> answers);
+// Messages of a VoxelizeBatch call, at least one, as one message with the replies of all. Shares their bytes.
+grpc::ByteBuffer RepliesInOne(std::span<const grpc::ByteBuffer* const> messages);
 
 }  // namespace voxelpipe

@@ -8,6 +8,7 @@
 #include <google/protobuf/arena.h>
 
 #include "base/checksum/crc32c.h"
+#include "wire/duration.h"
 #include "wire/response.h"
 
 namespace voxelpipe {
@@ -18,14 +19,22 @@ constexpr size_t kArenaBytes = 4096;
 
 }  // namespace
 
-ResultPieces::ResultPieces(const CallSettings& settings, const PieceOptions& options, ResponseCoder coder)
-    : options_(options), hashed_(settings.content_hash), coder_(coder) {
+bool FitsOneMessage(uint64_t result_bytes, const CallSettings& settings) {
+  const int64_t limit =
+      std::min(settings.single_message_bytes.value_or(kMaxSingleMessageBytes), kMaxSingleMessageBytes);
+  return limit > 0 && result_bytes <= uint64_t(limit);
+}
+
+ResultPieces::ResultPieces(const VoxelizeRequest& request, const CallSettings& settings, const PieceOptions& options,
+                           ResponseCoder coder)
+    : request_(request), options_(options), hashed_(settings.content_hash), coder_(coder) {
   if (settings.compression == Compression::kZstd) compressor_.emplace(options.zstd_level);
 }
 
-grpc::ByteBuffer ResultPieces::Header(const ResultHeader& header) const {
+grpc::ByteBuffer ResultPieces::Header(const ResultHeader& header, const Plan* plan) const {
   v1::VoxelizeResponse response;
-  *response.mutable_header() = ToMessage(header);
+  if (plan != nullptr) WriteTo(*plan, *response.mutable_plan());
+  WriteTo(header, request_, *response.mutable_header());
   return coder_.Message(response);
 }
 
@@ -40,7 +49,7 @@ CodedPiece ResultPieces::Code(size_t array, std::span<const uint8_t> bytes, std:
   if (compressor_) frame = compressor_->Compress(bytes);
   const bool compressed = frame.has_value();
   if (compressed) {
-    piece.raw_bytes = bytes.size();
+    piece.uncompressed_bytes = bytes.size();
     auto kept = std::make_shared<const std::vector<uint8_t>>(*std::move(frame));
     piece.data = *kept;
     piece.owner = std::move(kept);
@@ -71,17 +80,21 @@ void ResultPieces::SetShared(bool cached, std::shared_ptr<ResultSums> sums) {
   if (hashed_ && sums_) known_hash_ = sums_->sha256();
 }
 
-void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) {
+void WriteOutcome(const JobOutcome& outcome, v1::Summary& summary) {
   v1::VoxelizeStats& stats = *summary.mutable_stats();
   WriteTo(outcome.result.stats, stats);
   stats.set_worker(outcome.worker);
-  stats.set_queue_ms(outcome.queue_ms);
-  stats.set_batch_jobs(outcome.batch_jobs);
-  if (outcome.batch_launches) stats.set_batch_launches(*outcome.batch_launches);
-  stats.set_attempts(outcome.attempts);
-  WriteTo(outcome.report, outcome.examined, *summary.mutable_mesh());
+  WriteMs(outcome.queue_ms, *stats.mutable_queue_time());
+  stats.set_batch_jobs(int32_t(outcome.batch_jobs));
+  if (outcome.batch_launches) stats.set_batch_launches(int64_t(*outcome.batch_launches));
+  stats.set_attempts(int32_t(outcome.attempts));
+  WriteTo(outcome.report, outcome.examined, *summary.mutable_report());
   WriteWarnings(outcome.result.stats.warnings, summary);
-  summary.set_peak_bytes(outcome.peak_bytes);
+  summary.set_peak_bytes(int64_t(outcome.peak_bytes));
+}
+
+void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) {
+  WriteOutcome(outcome, summary);
   if (hashed_ && !known_hash_.empty()) {
     summary.set_content_sha256(known_hash_);
   } else if (hashed_) {
@@ -90,8 +103,8 @@ void ResultPieces::MakeSummary(const JobOutcome& outcome, v1::Summary& summary) 
     if (sums_) sums_->SetSha256(known_hash_);
     summary.set_content_sha256(known_hash_);
   }
-  summary.set_result_bytes(bytes_);
-  summary.set_sent_bytes(sent_bytes_);
+  summary.set_result_bytes(int64_t(bytes_));
+  summary.set_sent_bytes(int64_t(sent_bytes_));
   summary.set_cached(cached_);
 }
 
@@ -101,13 +114,13 @@ grpc::ByteBuffer ResultPieces::Summary(const JobOutcome& outcome) {
   return coder_.Message(response);
 }
 
-grpc::ByteBuffer ResultPieces::Whole(const Plan& plan, const std::shared_ptr<const JobOutcome>& outcome) {
+grpc::ByteBuffer ResultPieces::Whole(const Plan* plan, const std::shared_ptr<const JobOutcome>& outcome) {
   // An arena: otherwise about forty small parts would be allocated and freed one by one.
   alignas(std::max_align_t) char room[kArenaBytes];
   google::protobuf::Arena arena(room, sizeof room);
-  auto& head = *google::protobuf::Arena::CreateMessage<v1::WholeResult>(&arena);
-  WriteTo(plan, *head.mutable_accepted());
-  WriteTo(HeaderOf(outcome->result), *head.mutable_header());
+  auto& head = *google::protobuf::Arena::CreateMessage<v1::VoxelizeResponse>(&arena);
+  if (plan != nullptr) WriteTo(*plan, *head.mutable_plan());
+  WriteTo(HeaderOf(outcome->result), request_, *head.mutable_header());
   std::vector<CodedPiece> pieces;
   const std::vector<std::span<const uint8_t>> arrays = ArraysOf(outcome->result);
   for (size_t i = 0; i < arrays.size(); ++i) {

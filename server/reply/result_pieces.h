@@ -10,6 +10,7 @@
 #include <grpcpp/support/byte_buffer.h>
 
 #include "base/checksum/sha256.h"
+#include "job/request.h"
 #include "job/result.h"
 #include "jobs/job.h"
 #include "pipeline/plan/plan.h"
@@ -21,8 +22,8 @@
 
 namespace voxelpipe {
 
-// A result of at most this many bytes is sent in one message if the client accepts that.
-inline constexpr uint64_t kWholeBytes = 1 << 20;
+// True if a result of `result_bytes` is sent in one message.
+bool FitsOneMessage(uint64_t result_bytes, const CallSettings& settings);
 
 struct PieceOptions {
   uint64_t piece_bytes = 1 << 20;  // of the result in one piece
@@ -32,9 +33,12 @@ struct PieceOptions {
 // The state of the messages of one result: the position of the next byte, and the hash. Not thread-safe.
 class ResultPieces {
  public:
-  ResultPieces(const CallSettings& settings, const PieceOptions& options, ResponseCoder coder = {});
+  // `request` lives as long as this object.
+  ResultPieces(const VoxelizeRequest& request, const CallSettings& settings, const PieceOptions& options,
+               ResponseCoder coder = {});
 
-  grpc::ByteBuffer Header(const ResultHeader& header) const;
+  // `plan`: sent in the same message, unless null.
+  grpc::ByteBuffer Header(const ResultHeader& header, const Plan* plan = nullptr) const;
   // `bytes` follow those of the previous piece, or begin the next array. `owner` keeps them alive; null: they are
   // copied.
   grpc::ByteBuffer Piece(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner);
@@ -46,8 +50,9 @@ class ResultPieces {
   // After the last piece. Call once.
   grpc::ByteBuffer Summary(const JobOutcome& outcome);
 
-  // A whole small result in one message. Call only this, once. `outcome` lives until gRPC has sent the message.
-  grpc::ByteBuffer Whole(const Plan& plan, const std::shared_ptr<const JobOutcome>& outcome);
+  // A whole small result in one message, with the plan unless it is null. Call only this, once. `outcome` lives until
+  // gRPC has sent the message.
+  grpc::ByteBuffer Whole(const Plan* plan, const std::shared_ptr<const JobOutcome>& outcome);
 
   // True if pieces are neither compressed nor hashed.
   bool at_once() const { return !compressor_ && (!hashed_ || !known_hash_.empty()); }
@@ -59,6 +64,7 @@ class ResultPieces {
   CodedPiece Code(size_t array, std::span<const uint8_t> bytes, std::shared_ptr<const void> owner);
   void MakeSummary(const JobOutcome& outcome, v1::Summary& summary);
 
+  const VoxelizeRequest& request_;
   const PieceOptions options_;
   const bool hashed_;
   const ResponseCoder coder_;
@@ -70,6 +76,9 @@ class ResultPieces {
   std::string known_hash_;
   bool cached_ = false;
 };
+
+// What a summary says of the job: all but sizes, hash and the cache.
+void WriteOutcome(const JobOutcome& outcome, v1::Summary& summary);
 
 // Of all arrays together.
 uint64_t ResultBytes(const VoxelizeResult& result);

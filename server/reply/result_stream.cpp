@@ -5,16 +5,16 @@
 
 namespace voxelpipe {
 
-ResultStream::ResultStream(std::shared_ptr<const JobOutcome> outcome, const CallSettings& settings,
-                           const PieceOptions& options, ResponseCoder coder, bool cached)
-    : outcome_(std::move(outcome)), arrays_(ArraysOf(outcome_->result)), pieces_(settings, options, coder) {
+ResultStream::ResultStream(std::shared_ptr<const JobOutcome> outcome, const VoxelizeRequest& request,
+                           const CallSettings& settings, const PieceOptions& options, ResponseCoder coder, bool cached)
+    : outcome_(std::move(outcome)), arrays_(ArraysOf(outcome_->result)), pieces_(request, settings, options, coder) {
   pieces_.SetShared(cached, outcome_->sums);
 }
 
 grpc::ByteBuffer ResultStream::Next() {
   if (part_ == Part::kHeader) {
     part_ = Part::kPieces;
-    return pieces_.Header(HeaderOf(outcome_->result));
+    return pieces_.Header(HeaderOf(outcome_->result), plan_ ? &*plan_ : nullptr);
   }
   while (array_ < arrays_.size() && offset_ == arrays_[array_].size()) {
     ++array_;

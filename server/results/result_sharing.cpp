@@ -117,12 +117,20 @@ ResultSharing::~ResultSharing() = default;
 
 absl::Status ResultSharing::Admit(const VoxelizeJob& job) const {
   absl::Status status = scheduler_.Admit(job.traits);
-  if (status.ok() || !on_ || job.traits.cost.run_ms < least_ms_) return status;
+  if (status.ok() || !on_ || job.exported || job.traits.cost.run_ms < least_ms_) return status;
   const std::string key = RequestKey(job);
   return !key.empty() && flights_.IsFlying(key) ? absl::OkStatus() : status;
 }
 
 absl::Status ResultSharing::Submit(std::shared_ptr<VoxelizeJob> job) {
+  if (job->exported) {
+    const std::string key = cache_.enabled() ? RequestKey(*job) : std::string();
+    if (const auto result = key.empty() ? nullptr : cache_.Use(key)) {
+      job->ready = result->outcome;
+      job->ready_plan = result->plan;
+    }
+    return scheduler_.Submit(std::move(job));
+  }
   const bool may_share = on_ && job->traits.cost.run_ms >= least_ms_;
   const std::string key = may_share ? RequestKey(*job) : std::string();
   if (key.empty()) return scheduler_.Submit(std::move(job));
@@ -243,6 +251,14 @@ void ResultSharing::Answer(const std::shared_ptr<VoxelizeJob>& job, const Flight
   }
 }
 
+void ResultSharing::Keep(const VoxelizeJob& job, const std::shared_ptr<JobOutcome>& outcome, const Plan& plan) {
+  if (!cache_.enabled() || outcome->streamed || job.ready) return;
+  const std::string key = RequestKey(job);
+  if (key.empty()) return;
+  outcome->sums = std::make_shared<ResultSums>(outcome->result, piece_bytes_);
+  cache_.Put(key, {outcome, plan, nullptr});
+}
+
 bool ResultSharing::Withdraw(VoxelizeJob& job) {
   Flights::Seat seat;
   {
@@ -261,17 +277,19 @@ bool ResultSharing::Withdraw(VoxelizeJob& job) {
 
 std::string RequestKey(const VoxelizeJob& job) {
   const ParsedConfig& config = job.config;
-  if (!job.kept || config.new_positions || config.settings.queue_timeout || job.exported) return {};
+  if (!job.kept || config.new_positions || config.settings.queue_timeout) return {};
   CallSettings settings = config.settings;
-  settings.compression = Compression::kNone;  // of the pieces, which each call makes for itself
+  // Of the messages, which each call makes for itself.
+  settings.compression = Compression::kNone;
   settings.content_hash = true;
+  settings.single_message_bytes.reset();
   settings.priority = Priority::kNormal;  // the run has the best one of all waiting jobs
-  std::string key = job.kept->id();
+  std::string key = job.kept->name();
   {
     google::protobuf::io::StringOutputStream out(&key);  // appends
     google::protobuf::io::CodedOutputStream coded(&out);
     coded.SetSerializationDeterministic(true);
-    MakeConfig(config.request, config.mesh_type, settings).SerializeToCodedStream(&coded);
+    MakeRequest(config.request, settings).SerializeToCodedStream(&coded);
   }
   return key;
 }

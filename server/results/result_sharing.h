@@ -24,7 +24,7 @@ namespace voxelpipe {
 // (RequestKey); DoneShared gives them the same object. A waiting run has the best queue position, priority and deadline
 // of all its jobs; if the queue refuses the first job, only that one fails. Other jobs are not shared: those with a
 // file or new positions, those with a queue time-out of their own, those whose result is not in memory as a whole, and
-// those whose result is exported.
+// those whose result is exported, which only use and fill the cache.
 // Thread-safe; calls the jobs without locks.
 class ResultSharing {
  public:
@@ -42,10 +42,14 @@ class ResultSharing {
 
   // Like Scheduler::Admit; a job that joins an equal one needs no place in the queue.
   absl::Status Admit(const VoxelizeJob& job) const;
-  // Like Scheduler::Submit. The job may be answered before this returns.
+  // Like Scheduler::Submit. The job may be answered before this returns. An exported one gets a cached result, if there
+  // is one, in its `ready`.
   absl::Status Submit(std::shared_ptr<VoxelizeJob> job);
   // Like Scheduler::Withdraw; the run continues while other jobs wait for it, and stops when none does.
   bool Withdraw(VoxelizeJob& job);
+
+  // Puts the result of an exported job into the cache, for equal ones: unless it was streamed or came from there.
+  void Keep(const VoxelizeJob& job, const std::shared_ptr<JobOutcome>& outcome, const Plan& plan);
 
   const ResultCache& cache() const { return cache_; }
 

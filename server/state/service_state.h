@@ -56,6 +56,7 @@ struct ServiceState {
         load_workers(std::move(load)),
         uploads(resolved.max_upload_bytes),
         working(resolved.max_working_bytes),
+        files(resolved.export_bytes),
         meshes(resolved.max_mesh_store_bytes),
         gate(resolved.max_calls),
         idle_watch(IdleIntervalOf(resolved)),
@@ -76,6 +77,7 @@ struct ServiceState {
   ResultExports exports;         // that the port for browsers offers to its calls
   ByteBudget uploads;            // mesh files being received or waiting
   ByteBudget working;            // predicted peaks of running jobs, results being sent
+  ByteBudget files;              // temporary files of results that are sent as files
   MeshStore meshes;              // uploaded and stored
   SingleFlight<KeptMesh> loads;  // uploads being loaded, by the mesh's id and format
   CallGate gate;                 // closed while the server drains

@@ -30,7 +30,8 @@ absl::Status CheckLength(MHD_Connection* connection) {
     return absl::OkStatus();
   }
   return absl::ResourceExhaustedError(absl::StrCat("the body has ", announced, " bytes, one message has at most ",
-                                                   kMaxMessageBytes, "; larger meshes go through gRPC's Voxelize"));
+                                                   kMaxMessageBytes,
+                                                   "; larger meshes go through gRPC's VoxelizeUpload"));
 }
 
 }  // namespace
@@ -84,7 +85,7 @@ std::optional<MHD_Result> Exchange::Refuse(MHD_Connection* connection) {
 }
 
 absl::Status Exchange::CheckCall(MHD_Connection* connection, WebMetadata& headers) {
-  const absl::StatusOr<Rpc> method = asks_for_file() ? Rpc::kVoxelizeMesh : WebMethodOf(path_);
+  const absl::StatusOr<Rpc> method = asks_for_file() ? Rpc::kVoxelize : WebMethodOf(path_);
   if (!method.ok()) return method.status();
   absl::StatusOr<BridgeCall::Setup> call = CallOf(web_, connection, path_);
   if (!call.ok()) return call.status();

@@ -24,7 +24,7 @@ constexpr size_t kBlockBytes = 64 << 10;  // of the response at a time
 
 const google::protobuf::ServiceDescriptor& Service() {
   static const google::protobuf::ServiceDescriptor& service =
-      *v1::VoxelizeMeshRequest::descriptor()->file()->FindServiceByName("VoxelizationService");
+      *v1::VoxelizeUploadRequest::descriptor()->file()->FindServiceByName("VoxelizationService");
   return service;
 }
 
@@ -107,7 +107,8 @@ absl::StatusOr<Rpc> WebMethodOf(std::string_view path) {
     if (name == RpcName(Rpc(i))) return Rpc(i);
   }
   return absl::UnimplementedError(absl::StrCat(
-      name, " takes a stream of messages, which browsers cannot send; VoxelizeMesh takes a mesh in one message"));
+      name,
+      " takes a stream of messages, which browsers cannot send; Voxelize and CreateMesh take a mesh in one message"));
 }
 
 MHD_Result AnswerMethod(WebContext& web, MHD_Connection* connection, const BridgeCall::Setup& setup, RequestBody& body,

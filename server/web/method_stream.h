@@ -17,7 +17,7 @@
 namespace voxelpipe {
 
 // The method of this path, which browsers can call. UNIMPLEMENTED if there is none of this name, or it takes a stream
-// of requests, naming the method to call in its place.
+// of requests, naming the methods to call in its place.
 absl::StatusOr<Rpc> WebMethodOf(std::string_view path);
 
 // Makes the call with the message of `body`, waits for the beginning of its response, and queues that. Messages are

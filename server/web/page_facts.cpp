@@ -11,6 +11,7 @@ namespace {
 
 using google::protobuf::FieldDescriptor;
 using google::protobuf::FileDescriptor;
+using google::protobuf::MethodDescriptor;
 using nlohmann::json;
 
 json FieldOf(const FieldDescriptor& field) {
@@ -19,6 +20,15 @@ json FieldOf(const FieldDescriptor& field) {
   if (field.message_type() != nullptr) facts["of"] = field.message_type()->name();
   if (field.enum_type() != nullptr) facts["of"] = field.enum_type()->name();
   return facts;
+}
+
+void AddMethods(const google::protobuf::ServiceDescriptor& service, json& facts) {
+  for (int i = 0; i < service.method_count(); ++i) {
+    const MethodDescriptor& method = *service.method(i);
+    if (method.client_streaming()) continue;
+    facts["methods"][method.name()] = {{"request", method.input_type()->name()},
+                                       {"response", method.output_type()->name()}};
+  }
 }
 
 void AddFile(const FileDescriptor& file, json& facts) {
@@ -39,10 +49,12 @@ void AddFile(const FileDescriptor& file, json& facts) {
 
 std::string PageFacts() {
   json facts = {{"version", VOXELPIPE_VERSION}};
-  const FileDescriptor& service = *v1::VoxelizeMeshRequest::descriptor()->file();
-  AddFile(service, facts);
-  for (int i = 0; i < service.dependency_count(); ++i) {
-    if (service.dependency(i)->package() == service.package()) AddFile(*service.dependency(i), facts);
+  const FileDescriptor& file = *v1::VoxelizeUploadRequest::descriptor()->file();
+  AddMethods(*file.FindServiceByName("VoxelizationService"), facts);
+  AddFile(file, facts);
+  for (int i = 0; i < file.dependency_count(); ++i) {
+    // google.rpc.Status is only in streams that browsers cannot send.
+    if (file.dependency(i)->package() != "google.rpc") AddFile(*file.dependency(i), facts);
   }
   for (const OutputFormat& format : OutputFormats()) {
     facts["formats"].push_back({{"name", format.name},

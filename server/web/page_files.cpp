@@ -11,6 +11,7 @@ extern const char page_index_html_begin[], page_index_html_end[];
 extern const char page_page_css_begin[], page_page_css_end[];
 extern const char page_page_js_begin[], page_page_js_end[];
 extern const char page_client_js_begin[], page_client_js_end[];
+extern const char page_mesh_js_begin[], page_mesh_js_end[];
 extern const char page_messages_js_begin[], page_messages_js_end[];
 extern const char page_viewer_css_begin[], page_viewer_css_end[];
 extern const char page_viewer_js_begin[], page_viewer_js_end[];
@@ -35,6 +36,7 @@ const PageFile* FindPageFile(std::string_view path) {
       {"/page.css", kCss, Between(page_page_css_begin, page_page_css_end)},
       {"/page.js", kScript, Between(page_page_js_begin, page_page_js_end)},
       {"/client.js", kScript, Between(page_client_js_begin, page_client_js_end)},
+      {"/mesh.js", kScript, Between(page_mesh_js_begin, page_mesh_js_end)},
       {"/messages.js", kScript, Between(page_messages_js_begin, page_messages_js_end)},
       {"/viewer.css", kCss, Between(page_viewer_css_begin, page_viewer_css_end)},
       {"/viewer.js", kScript, Between(page_viewer_js_begin, page_viewer_js_end)},

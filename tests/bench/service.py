@@ -105,13 +105,13 @@ def small(mesh, bare):
     unary, message = bare["unary 0.3 -> 4.7 KB, polled"][0], bare["bidi 0.3 -> 4.7 KB, 16 under way"][0]
     overheads = {}
     with Server() as server:
-        for label, extra in (("VoxelizeMesh", []), ("Voxelize", ["--stream"]), ("VoxelizeMany", ["--many"])):
+        for label, extra in (("Voxelize", []), ("VoxelizeUpload", ["--stream"]), ("VoxelizeBatch", ["--many"])):
             result = server.bench(mesh, "--concurrency", "16", *request, *extra)
             overheads[label] = cpu_us(result) - core
-            target = {"VoxelizeMesh": "<= 60 us", "VoxelizeMany": "<= half of VoxelizeMesh"}.get(label, "")
+            target = {"Voxelize": "<= 60 us", "VoxelizeBatch": "<= half of Voxelize"}.get(label, "")
             row(f"500 triangles, 32^3, 16 clients, {label}",
                 f"{overheads[label]:.0f} us CPU a request beyond {core:.0f} of compute; {result['per_second']:.0f} /s",
-                f"{message if label == 'VoxelizeMany' else unary:.0f} us", target)
+                f"{message if label == 'VoxelizeBatch' else unary:.0f} us", target)
     return overheads
 
 
@@ -144,8 +144,8 @@ def main():
         assert sphere(mesh, 11, 25) == 500
         streams.all()
         overheads = small(mesh, bare)
-        row("VoxelizeMany against VoxelizeMesh",
-            f"{overheads['VoxelizeMany'] / max(1e-9, overheads['VoxelizeMesh']):.0%}", "", "<= 50 %")
+        row("VoxelizeBatch against Voxelize",
+            f"{overheads['VoxelizeBatch'] / max(1e-9, overheads['Voxelize']):.0%}", "", "<= 50 %")
         load.all()
         terminate(mesh)
     for name, (us, gigabytes) in bare.items():

@@ -21,7 +21,7 @@ cd "$proto"
 cp -r "$proto" "$work/changed"
 trap 'rm -rf "$work/changed"' EXIT
 cd "$work/changed"
-sed -i 's/bytes mesh_piece = 2;/bytes mesh_piece = 9;/' voxelpipe/v1/voxelization_service.proto
+sed -i 's/bytes piece = 2;/bytes piece = 9;/' voxelpipe/v1/voxelization_service.proto
 if "$buf" breaking --against released.binpb >/dev/null; then
   echo "a moved field is not found" >&2
   exit 1

@@ -32,7 +32,7 @@ client/cpp/reply client/cpp client/cpp/example client/python/core
 client/cli/options client/cli/engine client/cli/batch client/cli/bench client/cli/compare
 client/cli/completion client/cli/commands client/cli
 server/observe server/access server/options server/isolate server/meshes
-server/schedule server/jobs server/run server/results server/reply server/state server/calls
+server/schedule server/jobs server/export server/run server/results server/reply server/state server/calls
 server/web/http server/web/download server/web server
 """.split()
 

@@ -1,4 +1,4 @@
-// One response of a Voxelize or VoxelizeMany call, read for its figures: result bytes are checked and counted in place,
+// The result of one call or of one job of a batch, read for its figures: result bytes are checked and counted in place,
 // without a copy.
 #pragma once
 
@@ -22,8 +22,6 @@ class Answer {
   // buffer.
   absl::Status Take(grpc::ByteBuffer& buffer);
   absl::Status Take(v1::VoxelizeResponse& message);
-  // Reads the summary.
-  absl::Status Take(v1::WholeResult& whole);
 
   // Counts a message that was not passed to Take(buffer).
   void CountReceived(uint64_t bytes) { received_bytes_ += bytes; }
@@ -39,7 +37,6 @@ class Answer {
 
  private:
   absl::Status Take(const PieceView& piece);
-  void Take(v1::Summary& summary);
 
   PieceViewer viewer_;
   v1::Summary summary_;

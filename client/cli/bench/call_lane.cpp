@@ -1,4 +1,4 @@
-// Single VoxelizeMesh or Voxelize calls over one connection. Messages are serialized once and responses parsed in
+// Single Voxelize or VoxelizeUpload calls over one connection. Messages are serialized once and responses parsed in
 // place, which leaves gRPC's own cost of a call.
 #include "bench/answer.h"
 #include "bench/single_calls.h"

@@ -29,10 +29,10 @@ struct LoadRun {
   std::optional<std::chrono::milliseconds> deadline;
   std::string expected_hash;
   bool honour_retry = false;
-  // The messages of one call, in order, serialized once. Of VoxelizeMany: one message, without its id.
+  // The messages of one call, in order, serialized once. Of VoxelizeBatch: one job, without its id.
   using Variant = std::vector<grpc::ByteBuffer>;
   std::vector<Variant> variants;  // used in rotation
-  std::string method;             // of single calls: the path of VoxelizeMesh or Voxelize
+  std::string method;             // of single calls: the path of Voxelize or VoxelizeUpload
   std::atomic<uint64_t> turn{0};
   std::atomic<int64_t> in_flight{0};
   std::atomic<bool> stop{false};    // no new requests

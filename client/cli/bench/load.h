@@ -31,11 +31,11 @@ struct LoadPlan {
 
   bool without_hash = false;  // no SHA-256 of the results
 
-  bool many = false;    // jobs of VoxelizeMany streams instead of calls
-  bool stream = false;  // use Voxelize even where VoxelizeMesh suffices
+  bool many = false;    // jobs of VoxelizeBatch streams instead of calls
+  bool stream = false;  // use VoxelizeUpload even where Voxelize suffices
   // Send equal requests. Otherwise they differ without effect on the result, so that a server cannot share a run.
   bool same_request = false;
-  bool send_mesh = false;      // send the bytes each time instead of the id of an uploaded mesh
+  bool send_mesh = false;      // send the bytes each time instead of the name of an uploaded mesh
   bool honour_retry = false;   // resend a refused request after the returned delay
   int connections = 0;         // 0: one per server
   int concurrency = 1;         // closed loop: clients that send their next request after the last response

@@ -1,4 +1,4 @@
-// Jobs of one VoxelizeMany stream. A broken stream fails its jobs and is reopened.
+// Jobs of one VoxelizeBatch stream. A broken stream fails its jobs and is reopened.
 #include <algorithm>
 #include <deque>
 #include <iterator>
@@ -20,7 +20,7 @@
 namespace voxelpipe::cli {
 namespace {
 
-constexpr char kMethod[] = "/voxelpipe.v1.VoxelizationService/VoxelizeMany";
+constexpr char kMethod[] = "/voxelpipe.v1.VoxelizationService/VoxelizeBatch";
 constexpr std::chrono::milliseconds kPollInterval{100};  // poll interval of the flags of the run
 constexpr std::chrono::milliseconds kPauseBroken{10};
 constexpr std::chrono::seconds kPatienceAtEnd{2};  // for a server that does not end the stream after this side
@@ -28,23 +28,18 @@ constexpr std::chrono::seconds kPatienceAtEnd{2};  // for a server that does not
 // Maximum number of jobs of one message.
 constexpr size_t kMaxJobs = 64, kMaxBytes = 256 << 10;
 
-// A request message made from jobs already serialized, except for the id: the first job, then the others as `more`.
-// Protobuf fields may come in any order.
+// A request message made from jobs already serialized, except for the id, which follows: protobuf fields may come in
+// any order.
 class Requests {
  public:
   void Add(const grpc::ByteBuffer& job, uint64_t id) {
     using google::protobuf::io::CodedOutputStream;
-    uint8_t tail[16] = {uint8_t(v1::VoxelizeManyRequest::kIdFieldNumber << 3)};
-    uint8_t* end = CodedOutputStream::WriteVarint64ToArray(id, tail + 1);
-    if (jobs_ == 0) {
-      *end++ = uint8_t(v1::VoxelizeManyRequest::kTakesMoreFieldNumber << 3);
-      *end++ = 1;
-    } else {
-      constexpr int kBytesField = 2;
-      uint8_t head[16] = {uint8_t(v1::VoxelizeManyRequest::kMoreFieldNumber << 3 | kBytesField)};
-      const uint64_t bytes = job.Length() + uint64_t(end - tail);
-      slices_.emplace_back(head, size_t(CodedOutputStream::WriteVarint64ToArray(bytes, head + 1) - head));
-    }
+    constexpr int kBytesField = 2;
+    uint8_t tail[16] = {uint8_t(v1::BatchJob::kIdFieldNumber << 3)};
+    uint8_t* const end = CodedOutputStream::WriteVarint64ToArray(id, tail + 1);
+    uint8_t head[16] = {uint8_t(v1::VoxelizeBatchRequest::kJobsFieldNumber << 3 | kBytesField)};
+    const uint64_t bytes = job.Length() + uint64_t(end - tail);
+    slices_.emplace_back(head, size_t(CodedOutputStream::WriteVarint64ToArray(bytes, head + 1) - head));
     std::vector<grpc::Slice> slices;
     job.Dump(&slices);  // shares the bytes
     std::move(slices.begin(), slices.end(), std::back_inserter(slices_));
@@ -227,38 +222,35 @@ class ManyLane final : public Lane {
   // False if the server violates the protocol.
   bool TakeAnswers() {
     const size_t bytes = buffer_.Length();
-    if (!grpc::SerializationTraits<v1::VoxelizeManyResponse>::Deserialize(&buffer_, &message_).ok()) return false;
-    // The first of several responses in one message counts the message for all.
-    if (message_.id() != 0 && message_.id() <= jobs_.size()) jobs_[message_.id() - 1].answer.CountReceived(bytes);
-    if (!TakeAnswer(message_)) return false;
-    for (v1::VoxelizeManyResponse& more : *message_.mutable_more()) {
-      if (!TakeAnswer(more)) return false;
+    if (!grpc::SerializationTraits<v1::VoxelizeBatchResponse>::Deserialize(&buffer_, &message_).ok()) return false;
+    bool counted = false;
+    for (v1::BatchReply& reply : *message_.mutable_replies()) {
+      if (reply.id() == 0 || reply.id() > jobs_.size()) return false;
+      // The first of several replies in one message counts the message for all.
+      if (!std::exchange(counted, true)) jobs_[reply.id() - 1].answer.CountReceived(bytes);
+      if (!TakeAnswer(reply)) return false;
     }
     return true;
   }
 
-  bool TakeAnswer(v1::VoxelizeManyResponse& message) {
-    if (message.id() == 0 || message.id() > jobs_.size()) return false;
-    const size_t slot = message.id() - 1;
+  bool TakeAnswer(v1::BatchReply& reply) {
+    const size_t slot = reply.id() - 1;
     Job& job = jobs_[slot];
     if (!job.active) return false;
     Outcome outcome;
-    switch (message.answer_case()) {
-      case v1::VoxelizeManyResponse::kError:
-        outcome.code = absl::StatusCode(message.error().code());
-        for (const auto& detail : message.error().details()) {
+    switch (reply.reply_case()) {
+      case v1::BatchReply::kError:
+        outcome.code = absl::StatusCode(reply.error().code());
+        for (const auto& detail : reply.error().details()) {
           outcome.retry_info |= detail.type_url().ends_with("/google.rpc.RetryInfo");
         }
-        if (outcome.retry_info && Delay(slot, message.error())) return true;
+        if (outcome.retry_info && Delay(slot, reply.error())) return true;
         break;
-      case v1::VoxelizeManyResponse::kWhole:
-        if (!job.answer.Take(*message.mutable_whole()).ok()) return false;
-        break;
-      case v1::VoxelizeManyResponse::kPart:
-        if (!job.answer.Take(*message.mutable_part()).ok()) return false;
+      case v1::BatchReply::kResponse:
+        if (!job.answer.Take(*reply.mutable_response()).ok()) return false;
         if (!job.answer.complete()) return true;
         break;
-      case v1::VoxelizeManyResponse::ANSWER_NOT_SET: return true;  // a message of a newer server
+      case v1::BatchReply::REPLY_NOT_SET: return true;  // a message of a newer server
     }
     if (outcome.code == absl::StatusCode::kOk) job.answer.Fill(run_.expected_hash, outcome);
     Complete(slot, outcome);
@@ -353,7 +345,7 @@ class ManyLane final : public Lane {
   std::optional<grpc::ClientContext> context_;
   std::unique_ptr<grpc::GenericClientAsyncReaderWriter> stream_;
   grpc::ByteBuffer buffer_;
-  v1::VoxelizeManyResponse message_;  // reused, so that its memory is allocated once
+  v1::VoxelizeBatchResponse message_;  // reused, so that its memory is allocated once
   grpc::Status status_;
   std::deque<Job> jobs_;  // by id - 1
   std::vector<size_t> free_;

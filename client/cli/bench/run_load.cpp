@@ -18,8 +18,10 @@
 #include "bench/load.h"
 #include "channel.h"
 #include "engine/interrupt.h"
+#include "grid/grid_spec.h"
 #include "options/server_access.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/duration.h"
 #include "wire/request.h"
 #include "wire/status.h"
 
@@ -29,10 +31,11 @@ namespace {
 using v1::VoxelizationService;
 
 constexpr size_t kPieceBytes = size_t{1} << 20;
-constexpr size_t kOneMessageBytes = size_t{1} << 20;    // of a mesh sent in one message with its config
+constexpr size_t kOneMessageBytes = size_t{1} << 20;    // of a mesh sent in one message with its request
 constexpr std::chrono::milliseconds kPollInterval{20};  // poll interval for signals, while idle
 
 absl::Status AtServer(const std::string& target, const grpc::Status& status) {
+  if (status.error_code() == grpc::StatusCode::UNIMPLEMENTED) return OtherContractError(target);
   const absl::Status ours = FromGrpcStatus(status);
   return {ours.code(), absl::StrCat(target, ": ", std::string(ours.message()))};
 }
@@ -43,28 +46,33 @@ grpc::ByteBuffer Serialized(const google::protobuf::MessageLite& message) {
   return {&slice, 1};
 }
 
-v1::VoxelizeConfig ConfigOf(const LoadPlan& plan) {
-  v1::VoxelizeConfig config = MakeConfig(plan.request);
-  if (plan.priority == "high") config.set_priority(v1::PRIORITY_HIGH);
-  if (plan.priority == "normal") config.set_priority(v1::PRIORITY_NORMAL);
-  if (plan.priority == "low") config.set_priority(v1::PRIORITY_LOW);
-  config.set_without_content_hash(plan.without_hash);
-  if (plan.compression == "none") config.set_compression(v1::COMPRESSION_NONE);
-  if (plan.compression == "zstd") config.set_compression(v1::COMPRESSION_ZSTD);
-  if (plan.queue_timeout_ms) config.set_queue_timeout_ms(*plan.queue_timeout_ms);
-  if (plan.fallback) config.set_fallback(*plan.fallback);
-  return config;
+// All but the mesh.
+v1::VoxelizeRequest RequestOf(const LoadPlan& plan) {
+  v1::VoxelizeRequest request = MakeRequest(plan.request);
+  v1::Execution& execution = *request.mutable_execution();
+  if (plan.priority == "high") execution.set_priority(v1::PRIORITY_HIGH);
+  if (plan.priority == "normal") execution.set_priority(v1::PRIORITY_NORMAL);
+  if (plan.priority == "low") execution.set_priority(v1::PRIORITY_LOW);
+  if (plan.queue_timeout_ms) {
+    WriteTo(std::chrono::milliseconds(*plan.queue_timeout_ms), *execution.mutable_queue_timeout());
+  }
+  if (plan.fallback) execution.set_fallback(*plan.fallback);
+  v1::Delivery& delivery = *request.mutable_delivery();
+  if (plan.without_hash) delivery.set_content_hash(false);
+  if (plan.compression == "none") delivery.set_compression(v1::COMPRESSION_NONE);
+  if (plan.compression == "zstd") delivery.set_compression(v1::COMPRESSION_ZSTD);
+  return request;
 }
 
-// UNIMPLEMENTED if the server stores no meshes.
+// Out: the name of the mesh.
 absl::StatusOr<std::string> UploadMesh(VoxelizationService::Stub& stub, const std::string& target,
                                        const FileBytes& mesh, MeshFileType type) {
   grpc::ClientContext context;
-  v1::UploadMeshResponse response;
+  v1::Mesh response;
   const std::unique_ptr<grpc::ClientWriter<v1::UploadMeshRequest>> writer = stub.UploadMesh(&context, &response);
   v1::UploadMeshRequest message;
-  message.mutable_upload()->set_mesh_format(ToMessage(type.format));
-  message.mutable_upload()->set_mesh_unit(ToMessage(type.unit));
+  message.mutable_upload()->set_format(ToMessage(type.format));
+  message.mutable_upload()->set_unit(ToMessage(type.unit));
   bool open = writer->Write(message);
   for (size_t offset = 0; open && offset < mesh.size(); offset += kPieceBytes) {
     const size_t bytes = std::min(kPieceBytes, mesh.size() - offset);
@@ -75,29 +83,28 @@ absl::StatusOr<std::string> UploadMesh(VoxelizationService::Stub& stub, const st
   writer->WritesDone();
   const grpc::Status status = writer->Finish();
   if (!status.ok()) return AtServer(target, status);
-  return response.mesh().mesh_id();
+  return response.name();
 }
 
-// The messages of one Voxelize call.
-std::vector<v1::VoxelizeRequest> CallMessages(const v1::VoxelizeConfig& config, const FileBytes& mesh) {
-  std::vector<v1::VoxelizeRequest> messages(1);
-  *messages[0].mutable_config() = config;
+// The messages of one VoxelizeUpload call.
+std::vector<v1::VoxelizeUploadRequest> CallMessages(const v1::VoxelizeRequest& request, const FileBytes& mesh) {
+  std::vector<v1::VoxelizeUploadRequest> messages(1);
+  *messages[0].mutable_request() = request;
   for (size_t offset = 0; offset < mesh.size(); offset += kPieceBytes) {
-    messages.emplace_back().set_mesh_piece(mesh.data() + offset, std::min(kPieceBytes, mesh.size() - offset));
+    messages.emplace_back().set_piece(mesh.data() + offset, std::min(kPieceBytes, mesh.size() - offset));
   }
   return messages;
 }
 
-v1::VoxelizeMeshRequest MeshMessage(const v1::VoxelizeConfig& config, const FileBytes& mesh) {
-  v1::VoxelizeMeshRequest message;
-  *message.mutable_config() = config;
-  message.set_mesh(mesh.data(), mesh.size());
-  return message;
+// `mesh`: empty with a stored mesh.
+v1::VoxelizeRequest WithMesh(v1::VoxelizeRequest request, const FileBytes& mesh) {
+  if (!mesh.empty()) request.mutable_mesh()->mutable_bytes()->set_data(mesh.data(), mesh.size());
+  return request;
 }
 
 // Requests that differ, although they give the same bytes: a server could share one run among equal requests, and the
 // load would measure that. They differ in the fill value, which has no effect without a fill.
-std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeConfig config, const FileBytes& mesh,
+std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeRequest request, const FileBytes& mesh,
                                            const std::string& call) {
   constexpr size_t kMaxWithMesh = 64, kMaxVariants = 4096;
   const size_t at_once = size_t(plan.rate ? plan.max_in_flight : plan.concurrency);
@@ -106,23 +113,23 @@ std::vector<LoadRun::Variant> MakeVariants(const LoadPlan& plan, v1::VoxelizeCon
   std::vector<LoadRun::Variant> variants(count);
   for (size_t i = 0; i < count; ++i) {
     if (count > 1) {
-      config.mutable_targets(0)->clear_fill_values();
-      config.mutable_targets(0)->set_fill_value(1 + double(i));
+      v1::RenderTarget& target = *request.mutable_spec()->mutable_targets(0);
+      target.clear_fill();
+      target.add_fill(1 + double(i));
     }
     if (plan.many) {
-      v1::VoxelizeManyRequest job;
-      *job.mutable_config() = config;
-      job.set_mesh(mesh.data(), mesh.size());
+      v1::BatchJob job;
+      *job.mutable_request() = WithMesh(request, mesh);
       variants[i].push_back(Serialized(job));
       continue;
     }
     if (call == "mesh") {
-      variants[i].push_back(Serialized(MeshMessage(config, mesh)));
+      variants[i].push_back(Serialized(WithMesh(request, mesh)));
       continue;
     }
-    std::vector<v1::VoxelizeRequest> messages = CallMessages(config, i == 0 ? mesh : FileBytes());
-    for (const v1::VoxelizeRequest& message : messages) variants[i].push_back(Serialized(message));
-    // The pieces after the config are the same bytes, stored once.
+    std::vector<v1::VoxelizeUploadRequest> messages = CallMessages(request, i == 0 ? mesh : FileBytes());
+    for (const v1::VoxelizeUploadRequest& message : messages) variants[i].push_back(Serialized(message));
+    // The pieces after the request are the same bytes, stored once.
     for (size_t piece = messages.size(); piece < variants[0].size(); ++piece) variants[i].push_back(variants[0][piece]);
   }
   return variants;
@@ -153,13 +160,13 @@ absl::StatusOr<Answer> ReadAnswer(Stream& stream, const std::string& target) {
   return Complete(std::move(answer), target);
 }
 
-// One Voxelize call before the measurement. Out: its response.
+// One VoxelizeUpload call before the measurement. Out: its response.
 absl::StatusOr<Answer> StreamOnce(VoxelizationService::Stub& stub, const std::string& target,
-                                  const std::vector<v1::VoxelizeRequest>& messages) {
+                                  const std::vector<v1::VoxelizeUploadRequest>& messages) {
   grpc::ClientContext context;
-  const auto stream = stub.Voxelize(&context);
+  const auto stream = stub.VoxelizeUpload(&context);
   std::thread writer([&] {
-    for (const v1::VoxelizeRequest& message : messages) {
+    for (const v1::VoxelizeUploadRequest& message : messages) {
       if (!stream->Write(message)) return;
     }
     stream->WritesDone();
@@ -205,23 +212,17 @@ class Servers {
       if (!channel.ok()) return channel.status();
       channels.push_back(*std::move(channel));
     }
-    v1::VoxelizeConfig config = ConfigOf(plan);
+    v1::VoxelizeRequest request = RequestOf(plan);
     result.mesh_sent = plan.send_mesh;
-    for (size_t i = 0; i < plan.servers.size() && !result.mesh_sent; ++i) {
-      VoxelizationService::Stub stub(channels[i]);
-      const absl::StatusOr<std::string> id = UploadMesh(stub, plan.servers[i], plan.mesh, plan.mesh_type);
-      if (absl::IsUnimplemented(id.status())) {
-        result.mesh_sent = true;
-        config.clear_mesh_id();
-      } else if (!id.ok()) {
-        return id.status();
-      } else {
-        config.set_mesh_id(*id);  // the same on all: the SHA-256 of the bytes
-      }
-    }
     if (result.mesh_sent) {
-      config.set_mesh_format(ToMessage(plan.mesh_type.format));
-      config.set_mesh_unit(ToMessage(plan.mesh_type.unit));
+      WriteTo(plan.mesh_type, *request.mutable_mesh()->mutable_bytes());
+    } else {
+      for (size_t i = 0; i < plan.servers.size(); ++i) {
+        VoxelizationService::Stub stub(channels[i]);
+        const absl::StatusOr<std::string> name = UploadMesh(stub, plan.servers[i], plan.mesh, plan.mesh_type);
+        if (!name.ok()) return name.status();
+        request.mutable_mesh()->mutable_stored()->set_name(*name);  // the same on all: of the mesh's bytes
+      }
     }
     const FileBytes none;
     const FileBytes& mesh = result.mesh_sent ? plan.mesh : none;
@@ -230,8 +231,8 @@ class Servers {
       VoxelizationService::Stub stub(channels[i]);
       grpc::ClientContext context;
       const absl::StatusOr<Answer> answer =
-          in_one ? ReadAnswer(*stub.VoxelizeMesh(&context, MeshMessage(config, mesh)), plan.servers[i])
-                 : StreamOnce(stub, plan.servers[i], CallMessages(config, mesh));
+          in_one ? ReadAnswer(*stub.Voxelize(&context, WithMesh(request, mesh)), plan.servers[i])
+                 : StreamOnce(stub, plan.servers[i], CallMessages(request, mesh));
       if (!answer.ok()) return answer.status();
       result.hash = answer->summary().content_sha256();
       result.bytes = answer->bytes();
@@ -242,8 +243,8 @@ class Servers {
     }
     result.call = plan.many ? "many" : in_one ? "mesh" : "stream";
     run.method =
-        in_one ? "/voxelpipe.v1.VoxelizationService/VoxelizeMesh" : "/voxelpipe.v1.VoxelizationService/Voxelize";
-    run.variants = MakeVariants(plan, config, mesh, result.call);
+        in_one ? "/voxelpipe.v1.VoxelizationService/Voxelize" : "/voxelpipe.v1.VoxelizationService/VoxelizeUpload";
+    run.variants = MakeVariants(plan, request, mesh, result.call);
     result.connections = int(channels.size());
     return absl::OkStatus();
   }
@@ -312,6 +313,7 @@ absl::StatusOr<LoadResult> RunLoad(const LoadPlan& plan) {
   if (plan.server_pid) {
     if (const absl::StatusOr<double> cpu = CpuSecondsOf(*plan.server_pid); !cpu.ok()) return cpu.status();
   }
+  if (absl::Status status = CheckGridRequest(plan.request.grid); !status.ok()) return status;
   LoadResult result;
   LoadRun run;
   Servers servers;

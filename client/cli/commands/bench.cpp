@@ -142,8 +142,8 @@ void AddLoadOptions(Command& command, LoadPlan& plan, BenchArguments& arguments)
        "on");
   add("--max-error-rate", arguments.max_error_rate, "R",
       "Exit 1 if a larger share of the requests failed (default 0.01)");
-  flag("--many", plan.many, "Send jobs on VoxelizeMany streams, one per connection, instead of single calls");
-  flag("--stream", plan.stream, "Use Voxelize, whose mesh and result come in pieces, also for a small mesh");
+  flag("--many", plan.many, "Send jobs on VoxelizeBatch streams, one per connection, instead of single calls");
+  flag("--stream", plan.stream, "Use VoxelizeUpload, whose mesh comes in pieces, also for a small mesh");
   flag("--send-mesh", plan.send_mesh, "Send the mesh each time instead of uploading it once");
   flag("--same-request", plan.same_request,
        "Send equal requests, which may share a run on the server. Otherwise they differ without effect on the "

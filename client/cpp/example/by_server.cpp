@@ -17,7 +17,7 @@ absl::Status Run(const char* path, const char* target) {
   if (!stored.ok()) return stored.status();
   voxelpipe::VoxelizeRequest request;
   request.grid.resolution = 64;
-  const auto remote = (*client)->VoxelizeStored(stored->mesh_id, request, job);
+  const auto remote = (*client)->VoxelizeStored(stored->name, request, job);
   if (!remote.ok()) return remote.status();
   const auto& dims = remote->result.grid.dims;
   std::cout << dims[0] << "x" << dims[1] << "x" << dims[2] << ": " << remote->stats.occupied << " voxels\n";

@@ -18,11 +18,12 @@ constexpr uint32_t Tag(int field, WireFormatLite::WireType type) {
   return WireFormatLite::MakeTag(field, type);
 }
 
-constexpr uint32_t kPiece = Tag(v1::VoxelizeResponse::kPieceFieldNumber, WireFormatLite::WIRETYPE_LENGTH_DELIMITED);
-constexpr uint32_t kTarget = Tag(v1::ResultPiece::kTargetFieldNumber, WireFormatLite::WIRETYPE_VARINT);
+constexpr uint32_t kPiece = Tag(v1::VoxelizeResponse::kPiecesFieldNumber, WireFormatLite::WIRETYPE_LENGTH_DELIMITED);
+constexpr uint32_t kArray = Tag(v1::ResultPiece::kArrayFieldNumber, WireFormatLite::WIRETYPE_VARINT);
 constexpr uint32_t kOffset = Tag(v1::ResultPiece::kOffsetFieldNumber, WireFormatLite::WIRETYPE_VARINT);
 constexpr uint32_t kCrc32c = Tag(v1::ResultPiece::kCrc32CFieldNumber, WireFormatLite::WIRETYPE_FIXED32);
-constexpr uint32_t kRawBytes = Tag(v1::ResultPiece::kRawBytesFieldNumber, WireFormatLite::WIRETYPE_VARINT);
+constexpr uint32_t kUncompressedBytes =
+    Tag(v1::ResultPiece::kUncompressedBytesFieldNumber, WireFormatLite::WIRETYPE_VARINT);
 constexpr uint32_t kData = Tag(v1::ResultPiece::kDataFieldNumber, WireFormatLite::WIRETYPE_LENGTH_DELIMITED);
 
 bool ReadLength(CodedInputStream& in, int& bytes) {
@@ -48,21 +49,43 @@ bool ReadData(CodedInputStream& in, PieceView& view) {
   return true;
 }
 
+// A varint of either size in protobuf's way: excess bits are dropped.
+template <typename Number>
+bool ReadNumber(CodedInputStream& in, Number& number) {
+  uint64_t bits = 0;
+  if (!in.ReadVarint64(&bits)) return false;
+  number = Number(bits);
+  return true;
+}
+
 bool ReadField(CodedInputStream& in, uint32_t tag, PieceView& view) {
   switch (tag) {
-    case kTarget: return in.ReadVarint32(&view.target);
-    case kOffset: return in.ReadVarint64(&view.offset);
+    case kArray: return ReadNumber(in, view.array);
+    case kOffset: return ReadNumber(in, view.offset);
     case kCrc32c: return in.ReadLittleEndian32(&view.crc32c);
-    case kRawBytes: return in.ReadVarint64(&view.raw_bytes);
+    case kUncompressedBytes: return ReadNumber(in, view.uncompressed_bytes.emplace());
     case kData: return ReadData(in, view);
     default: return WireFormatLite::SkipField(&in, tag);
   }
 }
 
+bool ReadPiece(CodedInputStream& in, PieceView& view) {
+  int bytes = 0;
+  if (!ReadLength(in, bytes)) return false;
+  const CodedInputStream::Limit limit = in.PushLimit(bytes);
+  while (const uint32_t tag = in.ReadTag()) {
+    if (!ReadField(in, tag, view)) return false;
+  }
+  if (!in.ConsumedEntireMessage() || in.BytesUntilLimit() != 0) return false;
+  in.PopLimit(limit);
+  return true;
+}
+
 }  // namespace
 
 PieceView::PieceView(const v1::ResultPiece& piece)
-    : target(piece.target()), crc32c(piece.crc32c()), offset(piece.offset()), raw_bytes(piece.raw_bytes()) {
+    : array(piece.array()), crc32c(piece.crc32c()), offset(piece.offset()) {
+  if (piece.has_uncompressed_bytes()) uncompressed_bytes = piece.uncompressed_bytes();
   if (!piece.data().empty())
     data.emplace_back(reinterpret_cast<const uint8_t*>(piece.data().data()), piece.data().size());
 }
@@ -79,25 +102,30 @@ uint32_t PieceView::DataCrc32c() const {
   return crc;
 }
 
-const PieceView* PieceViewer::View(grpc::ByteBuffer& message) {
+std::span<const PieceView> PieceViewer::View(grpc::ByteBuffer& message) {
   grpc::ProtoBufferReader reader(&message);  // points into the message
-  return reader.status().ok() && Read(reader) ? &view_ : nullptr;
+  if (!reader.status().ok() || !Read(reader)) return {};
+  return {views_.data(), count_};
 }
 
 bool PieceViewer::Read(google::protobuf::io::ZeroCopyInputStream& stream) {
-  view_.target = view_.crc32c = 0;
-  view_.offset = view_.raw_bytes = 0;
-  view_.data.clear();
+  count_ = 0;
   CodedInputStream in(&stream);
-  int bytes = 0;
-  if (in.ReadTag() != kPiece || !ReadLength(in, bytes)) return false;
-  const CodedInputStream::Limit limit = in.PushLimit(bytes);
   while (const uint32_t tag = in.ReadTag()) {
-    if (!ReadField(in, tag, view_)) return false;
+    if (tag != kPiece || !ReadPiece(in, Next())) return false;
   }
-  if (!in.ConsumedEntireMessage() || in.BytesUntilLimit() != 0) return false;
-  in.PopLimit(limit);
-  return in.ReadTag() == 0 && in.ConsumedEntireMessage();
+  return in.ConsumedEntireMessage();
+}
+
+PieceView& PieceViewer::Next() {
+  if (count_ == views_.size()) views_.emplace_back();
+  PieceView& view = views_[count_++];
+  view.array = 0;
+  view.crc32c = 0;
+  view.offset = 0;
+  view.uncompressed_bytes.reset();
+  view.data.clear();
+  return view;
 }
 
 }  // namespace voxelpipe

@@ -1,7 +1,9 @@
-// A piece of a result, read in place from the gRPC buffer.
+// The pieces of a result, read in place from the gRPC buffer.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -14,8 +16,10 @@ namespace voxelpipe {
 
 // A ResultPiece that refers to bytes in another buffer.
 struct PieceView {
-  uint32_t target = 0, crc32c = 0;
-  uint64_t offset = 0, raw_bytes = 0;
+  int32_t array = 0;
+  uint32_t crc32c = 0;
+  int64_t offset = 0;
+  std::optional<int64_t> uncompressed_bytes;   // present: the data is a zstd frame of so many bytes
   std::vector<std::span<const uint8_t>> data;  // parts of it, in order
 
   PieceView() = default;
@@ -27,17 +31,19 @@ struct PieceView {
   uint32_t DataCrc32c() const;
 };
 
-// Parses messages that contain only a piece; returns null for all others and for invalid bytes. Reuses its memory.
+// Parses messages that contain pieces alone. Reuses its memory.
 class PieceViewer {
  public:
-  // In: a VoxelizeResponse. Out: its piece; null if it contains something else. The view is valid until the next call
-  // or until the message is freed.
-  const PieceView* View(grpc::ByteBuffer& message);
+  // In: a VoxelizeResponse. Out: its pieces, in order; none if it contains something else or cannot be parsed. The
+  // views are valid until the next call or until the message is freed.
+  std::span<const PieceView> View(grpc::ByteBuffer& message);
 
  private:
   bool Read(google::protobuf::io::ZeroCopyInputStream& stream);
+  PieceView& Next();
 
-  PieceView view_;
+  std::vector<PieceView> views_;  // those of the message first, then unused ones
+  size_t count_ = 0;              // those of the message
 };
 
 }  // namespace voxelpipe

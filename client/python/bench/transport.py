@@ -37,7 +37,7 @@ def seconds(call: Callable[[], object]) -> float:
 def bare(client: voxelpipe.Client, messages: list[bytes]) -> int:
     """The same requests on a stream of grpcio, whose responses are dropped. Out: their bytes."""
     connection: Connection = client._connection
-    call, _ = connection.stream("Voxelize", iter(messages), None)
+    call, _ = connection.stream("VoxelizeUpload", iter(messages), None)
     return sum(len(message) for message in call)
 
 
@@ -51,7 +51,7 @@ def memory(name: str) -> int:
 def large_results(client: voxelpipe.Client, resolution: int, repeat: int) -> None:
     """Prints throughput and memory of large results."""
     request = make_request(resolution=resolution, targets=LARGE)
-    messages = list(Job(request, CUBE).messages(Reporter(None)))
+    messages = list(Job(request, CUBE).upload(Reporter(None)))
     bare(client, messages)  # connects, and warms the server
     before = memory("VmRSS")
     pathlib.Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # VmHWM starts anew

@@ -76,16 +76,17 @@ py::object DlpackOf(const DeviceBuffer& buffer, int code, int bits, std::vector<
   return py::reinterpret_steal<py::object>(capsule);
 }
 
-py::tuple Answer(Outcome outcome) {
+// In: what the outcome was made for.
+py::tuple Answer(Outcome outcome, const VoxelizeRequest& request) {
   VoxelizeResult& result = outcome.result;
-  const v1::ResultHeader header = ToMessage(HeaderOf(result));
+  const v1::ResultHeader header = ToMessage(HeaderOf(result), request);
   v1::Summary summary;
   result.stats.stages.insert(result.stats.stages.begin(), outcome.mesh_stages.begin(), outcome.mesh_stages.end());
   WriteTo(result.stats, *summary.mutable_stats());
-  WriteTo(outcome.report, outcome.examined, *summary.mutable_mesh());
+  WriteTo(outcome.report, outcome.examined, *summary.mutable_report());
   WriteWarnings(result.stats.warnings, summary);
-  summary.set_peak_bytes(outcome.peak_bytes);
-  summary.set_result_bytes(result.bytes());
+  summary.set_peak_bytes(int64_t(outcome.peak_bytes));
+  summary.set_result_bytes(int64_t(result.bytes()));
   std::vector<HostBuffer*> in_order;  // stream order: result.h
   if (result.kind == ResultKind::kSparse) in_order = {&result.bricks, &result.masks};
   if (result.kind == ResultKind::kBuckets) in_order = {&result.voxels, &result.offsets, &result.triangles};
@@ -96,18 +97,18 @@ py::tuple Answer(Outcome outcome) {
   return py::make_tuple(py::bytes(header.SerializeAsString()), arrays, py::bytes(summary.SerializeAsString()));
 }
 
-// The config in a request's bytes.
+// The request in a message's bytes.
 ParsedConfig Parsed(const std::string& bytes) {
-  v1::VoxelizeConfig message;
-  if (!message.ParseFromString(bytes)) Throw(absl::InvalidArgumentError("config: is no VoxelizeConfig"));
-  absl::StatusOr<ParsedConfig> config = ParseConfig(message);
-  if (!config.ok()) Throw(config.status());
-  return *std::move(config);
+  v1::VoxelizeRequest message;
+  if (!message.ParseFromString(bytes)) Throw(absl::InvalidArgumentError("request: is no VoxelizeRequest"));
+  absl::StatusOr<ParsedConfig> request = ParseRequest(message);
+  if (!request.ok()) Throw(request.status());
+  return *std::move(request);
 }
 
 // In: a MeshFormat and a LengthUnit.
 MeshFileType TypeOf(int format, int unit) {
-  const absl::StatusOr<MeshFileType> type = ParseMeshType(v1::MeshFormat(format), v1::LengthUnit(unit));
+  const absl::StatusOr<MeshFileType> type = ParseMeshType(v1::MeshFormat(format), v1::LengthUnit(unit), "");
   if (!type.ok()) Throw(type.status());
   return *type;
 }
@@ -183,20 +184,20 @@ class PythonJob {
 };
 
 // See _core.pyi for what Python calls.
-py::tuple Run(const std::string& config_bytes, const py::object& mesh, std::optional<double> timeout,
+py::tuple Run(const std::string& request, const py::object& mesh, std::optional<double> timeout,
               const py::object& progress, bool on_device, const py::object& positions) {
-  const ParsedConfig config = Parsed(config_bytes);
+  const ParsedConfig config = Parsed(request);
   Sources sources;
   sources.Add(mesh, config.mesh_type, positions);
   PythonJob job(timeout, progress);
   absl::StatusOr<Outcome> outcome = absl::UnknownError("the job did not run");
   job.Run([&] { outcome = RunOne(config, sources.list()[0], job.job(), on_device); });
   if (!outcome.ok()) Throw(outcome.status());
-  return Answer(*std::move(outcome));
+  return Answer(*std::move(outcome), config.request);
 }
 
-py::list RunAll(const std::string& config_bytes, const py::list& meshes, std::optional<double> timeout) {
-  const ParsedConfig config = Parsed(config_bytes);
+py::list RunAll(const std::string& request, const py::list& meshes, std::optional<double> timeout) {
+  const ParsedConfig config = Parsed(request);
   Sources sources;
   std::deque<JobContext> jobs;
   std::vector<JobContext*> each;
@@ -215,7 +216,7 @@ py::list RunAll(const std::string& config_bytes, const py::list& meshes, std::op
   py::list answers;
   for (absl::StatusOr<Outcome>& outcome : outcomes) {
     if (outcome.ok()) {
-      answers.append(Answer(*std::move(outcome)));
+      answers.append(Answer(*std::move(outcome), config.request));
     } else {
       answers.append(py::bytes(ToGrpcStatus(outcome.status()).error_details()));
     }
@@ -223,8 +224,8 @@ py::list RunAll(const std::string& config_bytes, const py::list& meshes, std::op
   return answers;
 }
 
-py::bytes Estimate(const std::string& config_bytes, const py::object& mesh, std::optional<double> timeout) {
-  const ParsedConfig config = Parsed(config_bytes);
+py::bytes Estimate(const std::string& request, const py::object& mesh, std::optional<double> timeout) {
+  const ParsedConfig config = Parsed(request);
   Sources sources;
   sources.Add(mesh, config.mesh_type, py::none());
   PythonJob job(timeout, py::none());
@@ -234,7 +235,7 @@ py::bytes Estimate(const std::string& config_bytes, const py::object& mesh, std:
   return response->SerializeAsString();
 }
 
-std::shared_ptr<HeldMesh> Load(const py::object& mesh, int format, int unit, const std::string& id,
+std::shared_ptr<HeldMesh> Load(const py::object& mesh, int format, int unit, const std::string& name,
                                std::optional<double> timeout, const py::object& progress) {
   const MeshFileType type = TypeOf(format, unit);
   const Buffer file(mesh);
@@ -242,7 +243,7 @@ std::shared_ptr<HeldMesh> Load(const py::object& mesh, int format, int unit, con
   absl::StatusOr<std::shared_ptr<HeldMesh>> held = absl::UnknownError("the job did not run");
   job.Run([&] {
     try {
-      held = HeldMesh::Load(file.bytes(), type, id, job.job());
+      held = HeldMesh::Load(file.bytes(), type, name, job.job());
     } catch (const std::bad_alloc&) {
       held = absl::ResourceExhaustedError("out of memory for the mesh");
     }
@@ -274,14 +275,14 @@ PYBIND11_MODULE(_core, module) {
       .def("dlpack", &voxelpipe::DlpackOf, py::arg("code"), py::arg("bits"), py::arg("shape"));
   py::class_<voxelpipe::HeldMesh, std::shared_ptr<voxelpipe::HeldMesh>>(module, "HeldMesh")
       .def("describe", [](const voxelpipe::HeldMesh& m) { return py::bytes(m.Describe().SerializeAsString()); });
-  module.def("load", &voxelpipe::Load, py::arg("mesh"), py::arg("format"), py::arg("unit"), py::arg("id"),
+  module.def("load", &voxelpipe::Load, py::arg("mesh"), py::arg("format"), py::arg("unit"), py::arg("name"),
              py::arg("timeout"), py::arg("progress"));
-  module.def("run", &voxelpipe::Run, py::arg("config"), py::arg("mesh"), py::arg("timeout"), py::arg("progress"),
+  module.def("run", &voxelpipe::Run, py::arg("request"), py::arg("mesh"), py::arg("timeout"), py::arg("progress"),
              py::arg("on_device") = false, py::arg("positions") = py::none());
-  module.def("run_all", &voxelpipe::RunAll, py::arg("config"), py::arg("meshes"), py::arg("timeout"));
-  module.def("estimate", &voxelpipe::Estimate, py::arg("config"), py::arg("mesh"), py::arg("timeout"));
+  module.def("run_all", &voxelpipe::RunAll, py::arg("request"), py::arg("meshes"), py::arg("timeout"));
+  module.def("estimate", &voxelpipe::Estimate, py::arg("request"), py::arg("mesh"), py::arg("timeout"));
   module.def("shaders", &voxelpipe::Shaders);
   module.def("formats", &voxelpipe::Formats);
-  module.def("not_kept", &voxelpipe::NotKept, py::arg("config"), py::arg("header"), py::arg("path"));
-  module.def("write", &voxelpipe::WriteFile, py::arg("config"), py::arg("header"), py::arg("arrays"), py::arg("path"));
+  module.def("not_kept", &voxelpipe::NotKept, py::arg("request"), py::arg("header"), py::arg("path"));
+  module.def("write", &voxelpipe::WriteFile, py::arg("request"), py::arg("header"), py::arg("arrays"), py::arg("path"));
 }

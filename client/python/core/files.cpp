@@ -35,17 +35,17 @@ struct Described {
   const OutputFormat* format = nullptr;
 };
 
-absl::StatusOr<Described> Parse(const std::string& config_bytes, const std::string& header_bytes,
+absl::StatusOr<Described> Parse(const std::string& request_bytes, const std::string& header_bytes,
                                 const std::string& path) {
-  v1::VoxelizeConfig config_message;
-  if (!config_message.ParseFromString(config_bytes)) {
-    return absl::InvalidArgumentError("config: is no VoxelizeConfig");
+  v1::VoxelizeRequest request_message;
+  if (!request_message.ParseFromString(request_bytes)) {
+    return absl::InvalidArgumentError("request: is no VoxelizeRequest");
   }
   v1::ResultHeader header_message;
   if (!header_message.ParseFromString(header_bytes)) return absl::InvalidArgumentError("header: is no ResultHeader");
-  absl::StatusOr<ParsedConfig> config = ParseConfig(config_message);
-  if (!config.ok()) return config.status();
-  absl::StatusOr<ResultHeader> header = FromMessage(header_message, config->request);
+  absl::StatusOr<ParsedConfig> parsed = ParseRequest(request_message);
+  if (!parsed.ok()) return parsed.status();
+  absl::StatusOr<ResultHeader> header = FromMessage(header_message, parsed->request);
   if (!header.ok()) return header.status();
   const std::string extension = FileExtension(path);
   const absl::Status holds = CheckHolds(extension, header->kind, header->specs.size());
@@ -53,7 +53,7 @@ absl::StatusOr<Described> Parse(const std::string& config_bytes, const std::stri
     const std::string why(holds.message());
     return WithField(absl::InvalidArgumentError(absl::StrCat("'", path, "': ", why)), "path");
   }
-  return Described{std::move(config->request), *std::move(header), FindFormat(extension)};
+  return Described{std::move(parsed->request), *std::move(header), FindFormat(extension)};
 }
 
 absl::Status Write(const ResultHeader& header, const std::vector<std::span<const uint8_t>>& arrays,
@@ -107,8 +107,8 @@ py::list Formats() {
   return formats;
 }
 
-std::string NotKept(const std::string& config, const std::string& header, const std::string& path) {
-  const absl::StatusOr<Described> result = Parse(config, header, path);
+std::string NotKept(const std::string& request, const std::string& header, const std::string& path) {
+  const absl::StatusOr<Described> result = Parse(request, header, path);
   if (!result.ok()) Throw(result.status());
   WarningList warnings;
   WarnOfNotKept(*result->format, result->header, warnings);
@@ -116,9 +116,9 @@ std::string NotKept(const std::string& config, const std::string& header, const 
   return warnings.empty() ? "" : warnings.kept().front().text;
 }
 
-void WriteFile(const std::string& config, const std::string& header, const std::vector<py::buffer>& arrays,
+void WriteFile(const std::string& request, const std::string& header, const std::vector<py::buffer>& arrays,
                const std::string& path) {
-  const absl::StatusOr<Described> result = Parse(config, header, path);
+  const absl::StatusOr<Described> result = Parse(request, header, path);
   if (!result.ok()) Throw(result.status());
   const std::vector<ArraySpec>& specs = result->header.arrays;
   if (arrays.size() != specs.size()) {

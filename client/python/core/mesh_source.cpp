@@ -23,13 +23,13 @@ bool Covers(const TextureUse& have, const TextureUse& want) {
 }  // namespace
 
 absl::StatusOr<std::shared_ptr<HeldMesh>> HeldMesh::Load(std::span<const uint8_t> file, MeshFileType type,
-                                                         std::string id, const JobContext& job) {
+                                                         std::string name, const JobContext& job) {
   absl::StatusOr<LoadedMesh> loaded = LoadMeshFor(job, file, {type, {}, {}});
   if (!loaded.ok()) return OfMesh(loaded.status());
   const absl::StatusOr<MeshReport> report = BoxReport(job, loaded->mesh);
   if (!report.ok()) return report.status();
   std::shared_ptr<HeldMesh> held(new HeldMesh);
-  held->id_ = std::move(id);
+  held->name_ = std::move(name);
   held->type_ = type;
   held->file_bytes_ = file.size();
   held->report_ = *report;
@@ -60,17 +60,17 @@ absl::StatusOr<MeshReport> HeldMesh::Examined(const JobContext& job) {
   return *examined_;
 }
 
-v1::StoredMesh HeldMesh::Describe() const {
-  v1::StoredMesh message;
-  message.set_mesh_id(id_);
-  message.set_mesh_format(ToMessage(type_.format));
-  message.set_mesh_unit(ToMessage(type_.unit));
-  message.set_file_bytes(file_bytes_);
+v1::Mesh HeldMesh::Describe() const {
+  v1::Mesh message;
+  message.set_name(name_);
+  message.set_format(ToMessage(type_.format));
+  message.set_unit(ToMessage(type_.unit));
+  message.set_file_bytes(int64_t(file_bytes_));
   {
     const std::shared_lock lock(mutex_);
-    message.set_memory_bytes(MeshBytes(mesh_));
+    message.set_memory_bytes(int64_t(MeshBytes(mesh_)));
   }
-  WriteTo(report_, false, *message.mutable_mesh());
+  WriteTo(report_, false, *message.mutable_report());
   WriteWarnings(warnings_, message);
   return message;
 }

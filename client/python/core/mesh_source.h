@@ -24,13 +24,13 @@ namespace voxelpipe {
 // A mesh that stays loaded, for many requests at the same time. Thread-safe.
 class HeldMesh {
  public:
-  // In: the bytes of a mesh file, which are not needed later, and the id of their content. Errors: those of
+  // In: the bytes of a mesh file, which are not needed later, and its name (MeshNameOf). Errors: those of
   // LoadMeshFor, as INVALID_ARGUMENT of a mesh.
   static absl::StatusOr<std::shared_ptr<HeldMesh>> Load(std::span<const uint8_t> file, MeshFileType type,
-                                                        std::string id, const JobContext& job);
+                                                        std::string name, const JobContext& job);
 
   // As a server describes it.
-  v1::StoredMesh Describe() const;
+  v1::Mesh Describe() const;
 
  private:
   friend class UsedMesh;
@@ -39,7 +39,7 @@ class HeldMesh {
   // The report that a request with a fill gets; its edges are counted once. The caller holds mutex_.
   absl::StatusOr<MeshReport> Examined(const JobContext& job);
 
-  std::string id_;
+  std::string name_;
   MeshFileType type_;
   uint64_t file_bytes_ = 0;
   MeshReport report_;

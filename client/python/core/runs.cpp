@@ -114,7 +114,7 @@ absl::StatusOr<v1::EstimateVoxelizationResponse> EstimateOne(const ParsedConfig&
     if (!plan.ok()) return plan.status();
     v1::EstimateVoxelizationResponse response;
     WriteTo(*plan, *response.mutable_plan());
-    WriteTo((*used)->report(), (*used)->examined(), *response.mutable_mesh());
+    WriteTo((*used)->report(), (*used)->examined(), *response.mutable_report());
     if (!source.held) CheckImages(mesh);  // others read those of a held one
     WriteWarnings(AllWarningsOf(mesh), response);
     return response;

@@ -28,8 +28,9 @@ def test_it_gives_what_client_gives(server: LocalServer, client: Client, ball: s
             assert seen[0] == "upload" and seen[-1] == "download"
             handle = await other.upload(ball)
             assert await other.voxelize(handle, resolution=16) == small
-            assert (await other.stored_mesh(handle)).mesh_id == handle.mesh_id
-            await other.delete_mesh(handle)
+            assert (await other.stored_mesh(handle)).name == handle.name
+            assert handle.name in [mesh.name async for mesh in other.meshes()]
+            await other.release_mesh(handle)
             assert await other.voxelize(handle, resolution=16) == small
             assert (await other.estimate(ball, resolution=16)).place == small.place
             assert await other.shaders() == client.shaders()
@@ -75,14 +76,14 @@ def test_errors(server: LocalServer, closed_port: str) -> None:
     asyncio.run(run())
 
 
-def test_a_mesh_with_a_unit_is_kept_under_the_id_of_both(server: LocalServer) -> None:
+def test_a_mesh_with_a_unit_is_kept_under_a_name_of_both(server: LocalServer) -> None:
     plain = b"OFF 3 1 0\n0 0 0\n4 0 0\n0 4 0\n3 0 1 2\n"
 
     async def run() -> None:
         async with AsyncClient(server.server) as client:
             mesh = voxelpipe.load_mesh(plain, unit="cm")
             handle = await client.upload(mesh)
-            assert handle.mesh_id == mesh.mesh_id() != voxelpipe.load_mesh(plain).mesh_id()
+            assert handle.name == mesh.stored_name() != voxelpipe.load_mesh(plain).stored_name()
             assert (await client.voxelize(handle, voxel_size=0.01)).dims[0] == 4
 
     asyncio.run(run())

@@ -16,6 +16,7 @@ import pytest
 import voxelpipe
 from voxelpipe import Client, LocalServer, Tls
 from voxelpipe._calls.progress import Reporter
+from voxelpipe._version import CONTRACT_REVISION
 
 from . import shapes
 
@@ -66,17 +67,17 @@ def test_a_kept_mesh_is_sent_again_where_it_is_unknown(client: Client, ball: sha
     assert handle.stored.mesh.triangles == len(ball[1]) and client.upload(ball).already_stored
     expected = client.voxelize(ball, resolution=30)
     assert client.voxelize(handle, resolution=30) == expected
-    assert client.delete_mesh(handle) > 0
+    assert client.release_mesh(handle) > 0
     with pytest.raises(voxelpipe.MeshNotFound) as caught:
         client.stored_mesh(handle)
-    assert caught.value.mesh_id == handle.mesh_id
+    assert caught.value.name == handle.name
     assert client.voxelize(pickle.loads(pickle.dumps(handle)), resolution=30) == expected
     assert client.stored_mesh(handle).uses == 1
-    client.delete_mesh(handle)
+    client.release_mesh(handle)
     assert list(client.voxelize_many([handle], resolution=30)) == [expected]
-    client.delete_mesh(handle)
+    client.release_mesh(handle)
     light = client.upload(ball, keep=False)
-    client.delete_mesh(light)
+    client.release_mesh(light)
     with pytest.raises(voxelpipe.MeshNotFound):
         client.voxelize(light, resolution=30)
 
@@ -150,14 +151,27 @@ def test_many_large_results(client: Client, ball: shapes.Triangles) -> None:
     assert grids == [client.voxelize(ball, resolution=120, targets="normal:f32")] * 3
 
 
+def test_kept_meshes_are_listed(client: Client, ball: shapes.Triangles) -> None:
+    file = voxelpipe.load_mesh(b"OFF 3 1 0\n0 0 0\n7 0 0\n0 7 0\n3 0 1 2\n", format="off", unit="in")
+    first, last = client.upload(ball), client.upload(file)
+    assert last.name == file.stored_name() and last.name.endswith("-in-off")
+    listed = [mesh.name for mesh in client.meshes()]
+    assert last.name in listed and listed.index(last.name) < listed.index(first.name)
+    assert client.release_mesh(last) > 0
+    assert last.name not in [mesh.name for mesh in client.meshes()]
+
+
 def test_questions(client: Client, ball: shapes.Triangles) -> None:
     info = client.server_info()
     assert "cpu" in info.backends and info.limits["max_triangles"] > 0 and info.devices
+    assert info.contract_revision == CONTRACT_REVISION and info.limits["batch_jobs"] > 0
     shaders = {shader.name: shader for shader in client.shaders()}
     assert shaders["constant"].parameters[0].type == "vec4" and shaders["skin"].stage == "vertex"
     estimate = client.estimate(ball, resolution=64, targets="u8:add")
     grid = client.voxelize(ball, resolution=64, targets="u8:add")
     assert estimate.result_bytes == grid.nbytes and estimate.place == grid.place
+    assert estimate.time_class in ("instant", "short") and grid.summary.backend in info.backends
+    assert info.backends[grid.summary.backend] == grid.summary.simd and grid.summary.voxelize_ms > 0
     assert client.estimate(client.upload(ball), resolution=64).place == grid.place
 
 

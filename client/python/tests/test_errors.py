@@ -14,6 +14,7 @@ import voxelpipe
 from voxelpipe import Client, LocalServer
 from voxelpipe._calls.grpc_module import grpc
 from voxelpipe._proto.google.rpc import error_details_pb2, status_pb2
+from voxelpipe._proto.voxelpipe.v1 import error_pb2
 
 from . import shapes
 
@@ -177,7 +178,7 @@ def test_a_delay_beyond_the_deadline_is_not_waited_for(failing: tuple[Failing, s
 
 def test_too_large_is_not_tried_again(failing: tuple[Failing, str]) -> None:
     handler, address = failing
-    handler.answers = [status(BUSY, "too large", error_details_pb2.ErrorInfo(metadata={"limit_bytes": "7"}))]
+    handler.answers = [status(BUSY, "too large", error_pb2.LimitExceeded(limit_bytes=7))]
     with pytest.raises(voxelpipe.TooLarge) as caught:
         Client(address).server_info()
     assert caught.value.limit_bytes == 7 and caught.value.need_bytes is None and len(handler.times) == 1

@@ -8,12 +8,14 @@ import pathlib
 import pickle
 import subprocess
 import urllib.parse
+from typing import get_args
 
 import numpy
 import pytest
 
 import voxelpipe
 from voxelpipe import InvalidMesh, InvalidRequest, load_mesh
+from voxelpipe.names import LengthUnit, MeshFormat
 
 OBJ = "v 0 0 0\nv 20 0 0\nv 0 20 0\nv 0 0 20\nvt 0.5 0.5\nf 1/1 3/1 2/1\nf 1/1 2/1 4/1\nf 1/1 4/1 3/1\nf 2/1 3/1 4/1\n"
 RED_PNG = base64.b64decode(
@@ -65,11 +67,32 @@ def test_libraries_outside_of_the_folder_are_refused(tmp_path: pathlib.Path) -> 
     assert b"mtllib data:" in load_mesh(path, allow_outside=True).data.tobytes()
 
 
-def test_a_unit_is_part_of_the_id() -> None:
+def test_unit_and_format_are_part_of_the_name() -> None:
+    plain = load_mesh(OBJ.encode())
+    scaled = load_mesh(plain, unit="mm")
+    name = f"meshes/{hashlib.sha256(OBJ.encode()).hexdigest()}"
+    assert plain.stored_name() == name and scaled.stored_name() == f"{name}-mm"
+    assert load_mesh(OBJ.encode(), format="obj").stored_name() == f"{name}-obj"
+    assert load_mesh(OBJ.encode(), format="stl", unit="in").stored_name() == f"{name}-in-stl"
+    empty = f"meshes/{hashlib.sha256().hexdigest()}"
+    for format in get_args(MeshFormat):
+        suffix = {"auto": "", "draco": "-drc"}.get(format, f"-{format}")
+        assert load_mesh(b"", format=format).stored_name() == empty + suffix
+    for unit in get_args(LengthUnit):
+        assert load_mesh(b"", unit=unit).stored_name() == f"{empty}-{unit}"
+
+
+def test_arrays_have_the_name_of_their_file(tmp_path: pathlib.Path) -> None:
+    arrays = load_mesh((numpy.eye(3), [[0, 1, 2]]))
+    (tmp_path / "a.glb").write_bytes(arrays.data)
+    assert arrays.stored_name() == load_mesh(tmp_path / "a.glb").stored_name() == f"meshes/{arrays.sha256()}"
+    packed = load_mesh(write_model(tmp_path / "m"))
+    assert packed.stored_name() == load_mesh(bytes(packed.data)).stored_name() == f"meshes/{packed.sha256()}"
+
+
+def test_other_units_are_refused() -> None:
     plain = load_mesh(OBJ.encode(), format="obj")
     scaled = load_mesh(plain, unit="mm")
-    assert plain.mesh_id() == hashlib.sha256(OBJ.encode()).hexdigest() == scaled.sha256()
-    assert scaled.mesh_id() == hashlib.sha256(f"{plain.mesh_id()}:mm".encode()).hexdigest()
     with pytest.raises(ValueError, match="is none of mm, cm, m, in"):
         load_mesh(plain, unit="km")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="was loaded with the unit mm"):
@@ -81,7 +104,7 @@ def test_the_server_scales_to_metres(client: voxelpipe.Client) -> None:
     grid = client.voxelize(mesh, resolution=16)
     assert grid.voxel_size[0] == 20 * 0.001 / 16
     handle = client.upload(mesh)
-    assert handle.mesh_id == mesh.mesh_id()
+    assert handle.name == mesh.stored_name()
     again = pickle.loads(pickle.dumps(handle))
     assert client.voxelize(again, resolution=16).sha256 == grid.sha256
     with pytest.raises(InvalidMesh, match="OBJ: line 1: a vertex: 'x' is no number"):

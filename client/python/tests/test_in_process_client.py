@@ -55,7 +55,7 @@ def test_the_results_are_those_of_a_server(
 ) -> None:
     with server.client() as client:
         one, other = inside.upload(ball), client.upload(ball)
-        assert one.mesh_id == other.mesh_id
+        assert one.name == other.name
         for field in ("triangles", "vertices", "min", "max"):  # a server that has examined it knows more
             assert getattr(one.stored.mesh, field) == getattr(other.stored.mesh, field)
         assert inside.voxelize(one, **COLORS) == client.voxelize(other, **COLORS)
@@ -75,9 +75,11 @@ def test_the_results_are_those_of_a_server(
 def test_a_loaded_mesh_stays_until_it_is_freed(ball: shapes.Triangles, inside: InProcessClient) -> None:
     handle = inside.upload(ball, keep=False)
     assert inside.upload(ball).already_stored and not handle.already_stored
-    assert inside.stored_mesh(handle) == inside.stored_mesh(handle.mesh_id) == handle.stored
-    assert inside.delete_mesh(handle) > 0
-    calls: list[Callable[[Any], Any]] = [inside.voxelize, inside.stored_mesh, inside.delete_mesh, inside.estimate]
+    assert inside.stored_mesh(handle) == inside.stored_mesh(handle.name) == handle.stored
+    other = inside.upload(shapes.cube())
+    assert [mesh.name for mesh in inside.meshes()] == [other.name, handle.name]
+    assert inside.release_mesh(handle) > 0 and [mesh.name for mesh in inside.meshes()] == [other.name]
+    calls: list[Callable[[Any], Any]] = [inside.voxelize, inside.stored_mesh, inside.release_mesh, inside.estimate]
     for call in calls:
         with pytest.raises(voxelpipe.MeshNotFound):
             call(handle)
@@ -219,10 +221,11 @@ def test_asyncio_without_a_server(ball: shapes.Triangles) -> None:
             expected = voxelpipe.voxelize(ball, **COLORS)
             assert await client.voxelize(handle, **COLORS) == expected
             assert (await client.stored_mesh(handle)).mesh == handle.stored.mesh
+            assert [mesh async for mesh in client.meshes()] == [handle.stored]
             assert (await client.estimate(ball, resolution=24)).place == expected.place
             assert len(await client.shaders()) > 10
             assert [result async for result in client.voxelize_many([ball, handle], **COLORS)] == [expected] * 2
-            assert await client.delete_mesh(handle) > 0
+            assert await client.release_mesh(handle) > 0
             with pytest.raises(voxelpipe.errors.NotSupported):
                 await client.server_info()
             with pytest.raises(voxelpipe.InvalidRequest, match="resolution"):

@@ -7,7 +7,7 @@ import pytest
 
 import voxelpipe
 from voxelpipe import GridPlace, InvalidRequest, Shader, Target, UnknownOption
-from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
+from voxelpipe._proto.voxelpipe.v1 import request_pb2
 from voxelpipe.options import make_request
 
 from . import shapes
@@ -157,24 +157,79 @@ def test_a_timeout_that_is_no_number_is_named(timeout: Any, closed_port: str) ->
 
 def test_the_default_is_one_bit_at_128() -> None:
     request = make_request()
-    assert request.config.grid.resolution == 128
+    assert request.spec.grid.resolution.voxels == 128
     assert [target.name for target in request.targets] == ["target0"]
-    assert request.config.targets[0].format == types.VOXEL_FORMAT_BIT
+    assert request.spec.targets[0].format == request_pb2.VOXEL_FORMAT_BIT
 
 
 def test_keywords_name_targets_after_a_mask() -> None:
     request = make_request(color="base_color:srgb8", normal="normal:f32")
     assert [target.name for target in request.targets] == ["mask", "color", "normal"]
-    assert request.config.targets[0].shader.name == "occupancy"
-    assert request.config.targets[1].encoding == types.ENCODING_SRGB
+    assert request.spec.targets[0].shader.name == "occupancy"
+    assert request.spec.targets[1].encoding == request_pb2.ENCODING_SRGB
     assert [target.name for target in make_request(mask="bit:first").targets] == ["mask"]
 
 
 def test_like_takes_the_grid_of_another_result() -> None:
-    grid = make_request(like=GridPlace((4, 5, 6), (10.0, 20.0, 30.0), (0.1, 0.2, 0.4))).config.grid
+    grid = make_request(like=GridPlace((4, 5, 6), (10.0, 20.0, 30.0), (0.1, 0.2, 0.4))).spec.grid.placement
     assert (grid.dims.x, grid.dims.y, grid.dims.z) == (4, 5, 6)
     assert (grid.origin.x, grid.origin.y, grid.origin.z) == (10.0, 20.0, 30.0)
     assert (grid.voxel_size.x, grid.voxel_size.y, grid.voxel_size.z) == (0.1, 0.2, 0.4)
+
+
+@pytest.mark.parametrize(
+    "options, form",
+    [
+        ({}, "resolution"),
+        ({"resolution": 9, "fit": "cube", "padding": 2}, "resolution"),
+        ({"voxel_size": (1, 2, 3)}, "voxel_size"),
+        ({"dims": (4, 5, 6)}, "dims"),
+        ({"dims": (4, 5, 6), "origin": (0, 0, 0), "voxel_size": 0.5}, "placement"),
+    ],
+)
+def test_a_grid_is_given_in_one_of_four_forms(options: dict[str, Any], form: str) -> None:
+    grid = make_request(**options).spec.grid
+    assert grid.WhichOneof("form") == form and grid.padding == options.get("padding", 0)
+    if "fit" in options:
+        assert (grid.resolution.voxels, grid.resolution.fit) == (9, request_pb2.GRID_FIT_CUBE)
+
+
+@pytest.mark.parametrize(
+    "options, text",
+    [
+        ({"voxel_size": 1, "fit": "cube"}, "fit: a cube goes with a resolution, not with a voxel size"),
+        ({"dims": (1, 2, 3), "fit": "cube"}, "fit: a cube goes with a resolution, not with dims"),
+        ({"origin": (1, 2, 3)}, "dims: an origin is given together with dims and a voxel size"),
+        (
+            {"dims": (1, 2, 3), "origin": (0, 0, 0)},
+            "voxel_size: a grid given by dims and origin needs a voxel size",
+        ),
+        (
+            {"dims": (1, 2, 3), "voxel_size": 1},
+            "origin: a grid given by dims and a voxel size needs an origin; dims alone are fitted to the mesh",
+        ),
+    ],
+)
+def test_what_no_form_holds_is_refused_as_the_core_does(options: dict[str, Any], text: str) -> None:
+    with pytest.raises(InvalidRequest) as caught:
+        make_request(**options)
+    assert caught.value.message == text  # CheckGridRequest of core/grid/grid_spec.cpp
+
+
+def test_targets_and_shaders_as_messages() -> None:
+    shader = Shader("attribute", {"name": "_HEAT", "scale": 2, "matrix": [[1, 2], [3, 4]]})
+    spec = make_request(targets=[Target("f32", shader=shader, clear=-1, fill=[1, 2]), "u8:fill=7"]).spec
+    first, second = spec.targets
+    assert first.HasField("clear") and first.clear == -1 and first.fill == [1, 2] and second.fill == [7]
+    parameters = first.shader.parameters
+    values = {one.name: one.text if one.HasField("text") else list(one.numbers.values) for one in parameters}
+    assert values == {"name": "_HEAT", "scale": [2], "matrix": [1, 2, 3, 4]}
+
+
+def test_the_content_hash_is_only_sent_if_it_is_asked_for() -> None:
+    for asked in (False, True):
+        delivery = make_request(content_hash=asked).message.delivery
+        assert delivery.HasField("content_hash") and delivery.content_hash == asked
 
 
 def test_only_bounded_dense_results_count_as_small() -> None:

@@ -166,9 +166,9 @@ def test_arrays_of_wrong_sizes_are_refused(grid: VoxelGrid, out: pathlib.Path) -
     grid.stored["target0"] = numpy.zeros((12, 12, 24, 4), numpy.uint8)[:, :, ::2]
     grid.save(out / "a.vti")  # reshape made it flat
     with pytest.raises(core_module.core.Failed):
-        core_module.core.write(grid._config, grid._header, [], b"a.vti")
+        core_module.core.write(grid._request, grid._header, [], b"a.vti")
     with pytest.raises(core_module.core.Failed):
-        core_module.core.write(grid._config, grid._header, [numpy.zeros(2 * 6912, numpy.uint8)[::2]], b"a.vti")
+        core_module.core.write(grid._request, grid._header, [numpy.zeros(2 * 6912, numpy.uint8)[::2]], b"a.vti")
     with pytest.raises(core_module.core.Failed):
         core_module.core.write(b"\xff", grid._header, [], b"a.vti")
     assert [path.name for path in out.iterdir()] == ["a.vti"]

@@ -10,7 +10,7 @@ import numpy
 import pytest
 
 from voxelpipe import InvalidRequest, Shader, Target
-from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
+from voxelpipe._proto.voxelpipe.v1 import request_pb2
 
 TABLE = pathlib.Path(__file__).resolve().parents[3] / "tests" / "unit" / "request_text" / "request_cases.json"
 CASES: list[dict[str, Any]] = json.loads(TABLE.read_text(encoding="utf-8"))
@@ -72,5 +72,5 @@ def test_a_text_means_what_the_table_says(case: dict[str, Any]) -> None:
 def test_the_names_of_the_table_are_those_of_the_contract() -> None:
     for case in CASES:
         if "target" in case and "is" in case:
-            assert types.VoxelFormat.Value(f"VOXEL_FORMAT_{case['is']['format'].upper()}")
-            assert types.Blend.Value(f"BLEND_{case['is']['blend'].upper()}")
+            assert request_pb2.VoxelFormat.Value(f"VOXEL_FORMAT_{case['is']['format'].upper()}")
+            assert request_pb2.Blend.Value(f"BLEND_{case['is']['blend'].upper()}")

@@ -14,13 +14,13 @@ from ._calls.many import unreadable
 from ._calls.progress import WAITING, Progress, Reporter
 from ._calls.reader import ResultReader
 from ._calls.retry import Deadline, Retries, ServerState
-from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ._calls.session import (
     SERVICE,
     Job,
     Options,
     Tls,
-    estimate_request,
+    freed_bytes,
+    listed_meshes,
     naming,
     new_request_id,
     upload_messages,
@@ -29,10 +29,12 @@ from ._calls.session import (
 from ._calls.status import of_call, of_cancelled
 from ._calls.wire import parsed
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
+from ._proto.voxelpipe.v1 import mesh_pb2, server_info_pb2
+from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .errors import Cancelled, MeshNotFound, ServerFailed, VoxelpipeError
 from .grid import VoxelGrid
 from .in_process_client import InProcessClient
-from .mesh_handle import MeshHandle, job_of
+from .mesh_handle import MeshHandle, estimate_job, job_of, name_of
 from .options import client_method, make_request
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
 from .request import Call, checked_in_flight, checked_timeout
@@ -190,35 +192,47 @@ class AsyncClient:
         reporter = Reporter(progress)
         with contextlib.closing(reporter), naming(file):
             deadline = self._deadline(timeout)
-            response = await self._again(deadline, lambda left: self._upload(file, left, reporter), reporter)
-        stored = StoredMesh.of(response.mesh)
-        return MeshHandle(stored.mesh_id, stored, response.already_stored, file if keep else None)
+            kept = await self._again(deadline, lambda left: self._upload(file, left, reporter), reporter)
+        stored = StoredMesh.of(kept)
+        return MeshHandle(stored.name, stored, kept.already_stored, file if keep else None)
 
     async def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
         """The server's description of a kept mesh: see Client.stored_mesh()."""
         if self._inside is not None:
             stored = self._inside.stored_mesh
             return await self._in_thread(None, lambda _: stored(mesh))
-        request = service.GetMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
-        return StoredMesh.of(parsed(service.GetMeshResponse, await self._quick("GetMesh", request)).mesh)
+        request = mesh_pb2.GetMeshRequest(name=name_of(mesh))
+        return StoredMesh.of(parsed(mesh_pb2.Mesh, await self._quick("GetMesh", request)))
 
-    async def delete_mesh(self, mesh: MeshHandle | str) -> int:
-        """Releases this caller's claim on a mesh: see Client.delete_mesh()."""
+    async def meshes(self) -> AsyncIterator[StoredMesh]:
+        """The kept meshes of this caller: see Client.meshes()."""
         if self._inside is not None:
-            delete = self._inside.delete_mesh
-            return await self._in_thread(None, lambda _: delete(mesh))
-        request = service.DeleteMeshRequest(mesh_id=mesh if isinstance(mesh, str) else mesh.mesh_id)
-        return int(parsed(service.DeleteMeshResponse, await self._quick("DeleteMesh", request)).freed_bytes)
+            inside = self._inside
+            for mesh in await self._in_thread(None, lambda _: list(inside.meshes())):
+                yield mesh
+            return
+        request: mesh_pb2.ListMeshesRequest | None = mesh_pb2.ListMeshesRequest()
+        while request is not None:
+            listed, request = listed_meshes(await self._quick("ListMeshes", request), request)
+            for mesh in listed:
+                yield mesh
+
+    async def release_mesh(self, mesh: MeshHandle | str) -> int:
+        """Releases this caller's claim on a mesh: see Client.release_mesh()."""
+        if self._inside is not None:
+            release = self._inside.release_mesh
+            return await self._in_thread(None, lambda _: release(mesh))
+        request = mesh_pb2.ReleaseMeshRequest(name=name_of(mesh))
+        return freed_bytes(await self._quick("ReleaseMesh", request))
 
     async def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
         """The plan of a request, without running it: see Client.estimate()."""
         if self._inside is not None:
             plan = self._inside.estimate
             return await self._in_thread(None, lambda _: plan(mesh, timeout=timeout, **options))
-        kept = mesh if isinstance(mesh, MeshHandle) else None
-        file = None if kept else await asyncio.to_thread(load_mesh, mesh)
-        message = estimate_request(make_request(**options), file, kept.mesh_id if kept else "")
-        with naming(file):
+        job = await asyncio.to_thread(estimate_job, mesh, make_request(**options))
+        message = job.estimate()
+        with naming(job.file):
             answer = await self._again(
                 self._deadline(timeout), lambda left: self._unary("EstimateVoxelization", message, left)
             )
@@ -229,15 +243,15 @@ class AsyncClient:
         if self._inside is not None:
             listed = self._inside.shaders
             return await self._in_thread(None, lambda _: listed())
-        answer = await self._quick("ListShaders", service.ListShadersRequest())
-        return [ShaderInfo.of(shader) for shader in parsed(service.ListShadersResponse, answer).shaders]
+        answer = await self._quick("ListShaders", server_info_pb2.ListShadersRequest())
+        return [ShaderInfo.of(shader) for shader in parsed(server_info_pb2.ListShadersResponse, answer).shaders]
 
     async def server_info(self) -> ServerInfo:
         """Version, backends, devices and limits of the server."""
         if self._inside is not None:
             return self._inside.server_info()
-        answer = await self._quick("GetServerInfo", service.GetServerInfoRequest())
-        return ServerInfo.of(parsed(service.GetServerInfoResponse, answer))
+        answer = await self._quick("GetServerInfo", server_info_pb2.GetServerInfoRequest())
+        return ServerInfo.of(parsed(server_info_pb2.GetServerInfoResponse, answer))
 
     # ---- in this process ----
 
@@ -351,11 +365,11 @@ class AsyncClient:
         request_id = new_request_id()
         metadata = self._options.metadata(request_id)
         if job.in_one_message():
-            method = self._open().unary_stream(SERVICE + "VoxelizeMesh")
-            call = method(job.mesh_request(reporter), timeout=timeout, metadata=metadata)
+            method = self._open().unary_stream(SERVICE + "Voxelize")
+            call = method(job.whole(reporter), timeout=timeout, metadata=metadata)
         else:
-            method = self._open().stream_stream(SERVICE + "Voxelize")
-            call = method(_as_async(job.messages(reporter)), timeout=timeout, metadata=metadata)
+            method = self._open().stream_stream(SERVICE + "VoxelizeUpload")
+            call = method(_as_async(job.upload(reporter)), timeout=timeout, metadata=metadata)
         reader = ResultReader(job.request, self._options.max_result_bytes, request_id, reporter)
         with self._failures(call, request_id):
             async for message in call:
@@ -365,13 +379,13 @@ class AsyncClient:
     async def _upload(self, file: MeshFile, timeout: float | None, reporter: Reporter) -> Any:
         request_id = new_request_id()
         metadata = self._options.metadata(request_id)
-        mesh_id = await asyncio.to_thread(file.mesh_id)
+        name = await asyncio.to_thread(file.stored_name)
         method = self._open().stream_unary(SERVICE + "UploadMesh")
-        requests = _as_async(upload_messages(file, mesh_id, reporter))
+        requests = _as_async(upload_messages(file, name, reporter))
         call = method(requests, timeout=timeout, metadata=metadata)
         with self._failures(call, request_id):
             answer = await call
-        return uploaded(answer, mesh_id)
+        return uploaded(answer, name)
 
 
 async def _as_async(items: Iterable[_Item]) -> AsyncIterator[_Item]:

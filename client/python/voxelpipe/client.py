@@ -20,17 +20,19 @@ from ._calls.session import (
     Job,
     Options,
     Tls,
-    estimate_request,
+    freed_bytes,
+    listed_meshes,
     naming,
     upload_messages,
     uploaded,
 )
 from ._calls.wire import parsed
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
+from ._proto.voxelpipe.v1 import mesh_pb2, server_info_pb2
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .errors import DataLoss, MeshNotFound, VoxelpipeError
 from .grid import VoxelGrid
-from .mesh_handle import MeshHandle, job_of
+from .mesh_handle import MeshHandle, estimate_job, job_of, name_of
 from .options import client_method, make_request
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
 from .request import Call, Request, checked_in_flight, checked_timeout
@@ -186,22 +188,30 @@ class Client:
         file = load_mesh(mesh)
         reporter = Reporter(progress)
         with contextlib.closing(reporter), naming(file):
-            response = self._again(self._deadline(timeout), lambda left: self._upload(file, left, reporter), reporter)
-        stored = StoredMesh.of(response.mesh)
-        return MeshHandle(stored.mesh_id, stored, response.already_stored, file if keep else None)
+            kept = self._again(self._deadline(timeout), lambda left: self._upload(file, left, reporter), reporter)
+        stored = StoredMesh.of(kept)
+        return MeshHandle(stored.name, stored, kept.already_stored, file if keep else None)
 
     def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
-        """The server's description of a kept mesh. In: a handle or an id. Errors: MeshNotFound."""
-        request = service.GetMeshRequest(mesh_id=_id_of(mesh))
-        return StoredMesh.of(parsed(service.GetMeshResponse, self._quick("GetMesh", request)).mesh)
+        """The server's description of a kept mesh. In: a handle or a name. Errors: MeshNotFound."""
+        request = mesh_pb2.GetMeshRequest(name=name_of(mesh))
+        return StoredMesh.of(parsed(mesh_pb2.Mesh, self._quick("GetMesh", request)))
 
-    def delete_mesh(self, mesh: MeshHandle | str) -> int:
-        """Releases this caller's claim on a mesh. Out: the bytes that the server frees; 0 if it keeps it for others.
+    def meshes(self) -> Iterator[StoredMesh]:
+        """The kept meshes that this caller has sent, an administrator's call all; the newest first."""
+        request: mesh_pb2.ListMeshesRequest | None = mesh_pb2.ListMeshesRequest()
+        while request is not None:
+            listed, request = listed_meshes(self._quick("ListMeshes", request), request)
+            yield from listed
 
-        Errors: MeshNotFound, PermissionDenied without a claim.
+    def release_mesh(self, mesh: MeshHandle | str) -> int:
+        """Releases this caller's claim on a mesh, which is deleted if no other client has one.
+
+        Out: the bytes that the server frees; 0 if it keeps it for others. Errors: MeshNotFound, PermissionDenied
+        without a claim.
         """
-        request = service.DeleteMeshRequest(mesh_id=_id_of(mesh))
-        return int(parsed(service.DeleteMeshResponse, self._quick("DeleteMesh", request)).freed_bytes)
+        request = mesh_pb2.ReleaseMeshRequest(name=name_of(mesh))
+        return freed_bytes(self._quick("ReleaseMesh", request))
 
     # ---- questions ----
 
@@ -210,10 +220,9 @@ class Client:
 
         The mesh is sent in one message: of large ones upload() a handle.
         """
-        kept = mesh if isinstance(mesh, MeshHandle) else None
-        file = None if kept else load_mesh(mesh)
-        message = estimate_request(make_request(**options), file, kept.mesh_id if kept else "")
-        with naming(file):
+        job = estimate_job(mesh, make_request(**options))
+        message = job.estimate()
+        with naming(job.file):
             answer = self._again(
                 self._deadline(timeout), lambda left: self._connection.unary("EstimateVoxelization", message, left)[0]
             )
@@ -221,13 +230,13 @@ class Client:
 
     def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""
-        answer = self._quick("ListShaders", service.ListShadersRequest())
-        return [ShaderInfo.of(shader) for shader in parsed(service.ListShadersResponse, answer).shaders]
+        answer = self._quick("ListShaders", server_info_pb2.ListShadersRequest())
+        return [ShaderInfo.of(shader) for shader in parsed(server_info_pb2.ListShadersResponse, answer).shaders]
 
     def server_info(self) -> ServerInfo:
         """Version, backends, devices and limits of the server."""
-        answer = self._quick("GetServerInfo", service.GetServerInfoRequest())
-        return ServerInfo.of(parsed(service.GetServerInfoResponse, answer))
+        answer = self._quick("GetServerInfo", server_info_pb2.GetServerInfoRequest())
+        return ServerInfo.of(parsed(server_info_pb2.GetServerInfoResponse, answer))
 
     # ---- calls ----
 
@@ -270,15 +279,15 @@ class Client:
 
     def _voxelize(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
         if not job.in_one_message():
-            upload = _Upload(job.messages(reporter))
-            call, request_id = self._connection.stream("Voxelize", upload, timeout)
+            upload = _Upload(job.upload(reporter))
+            call, request_id = self._connection.stream("VoxelizeUpload", upload, timeout)
             upload.call = call
             return self._read(job, call, request_id, reporter, upload)
-        request = job.mesh_request(reporter)
+        request = job.whole(reporter)
         if not job.small_result():
-            call, request_id = self._connection.stream("VoxelizeMesh", request, timeout)
+            call, request_id = self._connection.stream("Voxelize", request, timeout)
             return self._read(job, call, request_id, reporter, None)
-        responses, request_id = self._connection.responses("VoxelizeMesh", request, timeout, _SMALL_RESULT_BYTES)
+        responses, request_id = self._connection.responses("Voxelize", request, timeout, _SMALL_RESULT_BYTES)
         reader = self._reader(job.request, request_id, reporter)
         for response in responses:
             reader.add_bytes(response)
@@ -300,18 +309,18 @@ class Client:
             upload.raise_failure()
         return reader.finish()
 
-    def _upload(self, file: MeshFile | None, timeout: float | None, reporter: Reporter) -> service.UploadMeshResponse:
+    def _upload(self, file: MeshFile | None, timeout: float | None, reporter: Reporter) -> mesh_pb2.Mesh:
         assert file is not None
-        mesh_id = file.mesh_id()
-        upload = _Upload(upload_messages(file, mesh_id, reporter))
+        name = file.stored_name()
+        upload = _Upload(upload_messages(file, name, reporter))
         try:
             answer, _ = self._connection.upload("UploadMesh", upload, timeout)
         except VoxelpipeError:
             upload.raise_failure()
             raise
-        response = uploaded(answer, mesh_id)
+        kept = uploaded(answer, name)
         reporter("upload", 1.0, 0)
-        return response
+        return kept
 
 
 class _Upload:
@@ -346,7 +355,3 @@ def _restored_client(kind: type[Client], options: Options) -> Client:
     fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(options)}
     fields["tls"] = fields["tls"] or False
     return kind(**fields)
-
-
-def _id_of(mesh: MeshHandle | str) -> str:
-    return mesh if isinstance(mesh, str) else mesh.mesh_id

@@ -115,13 +115,13 @@ class NotAvailable(VoxelpipeError):
 
 
 class MeshNotFound(VoxelpipeError, LookupError):
-    """NOT_FOUND: the server keeps no mesh of this id. mesh_id: 64 hexadecimal digits."""
+    """NOT_FOUND: the server keeps no mesh of this name. name: "meshes/..."."""
 
     default_code = "NOT_FOUND"
 
-    def __init__(self, message: str, *, mesh_id: str = "", code: str = "", request_id: str = "") -> None:
+    def __init__(self, message: str, *, name: str = "", code: str = "", request_id: str = "") -> None:
         super().__init__(message, code=code, request_id=request_id)
-        self.mesh_id = mesh_id
+        self.name = name
 
 
 class Unavailable(VoxelpipeError, ConnectionError):
@@ -186,7 +186,8 @@ class Aborted(VoxelpipeError):
 
 
 class NotSupported(VoxelpipeError):
-    """UNIMPLEMENTED: the server does not know the call, or the mesh uses a feature that it does not know."""
+    """UNIMPLEMENTED: the server does not know the call, as it speaks another version of the contract; or there is none.
+    """
 
     default_code = "UNIMPLEMENTED"
 

@@ -49,7 +49,7 @@ class VoxelGrid:
     packed_bits: bool
     warnings: tuple[MeshWarning, ...]
     summary: Summary
-    _config: bytes  # the request's VoxelizeConfig and the ResultHeader, for writers of files
+    _request: bytes  # the VoxelizeRequest without its mesh and the ResultHeader, for writers of files
     _header: bytes
 
     # ---- arrays ----

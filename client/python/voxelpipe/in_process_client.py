@@ -10,13 +10,12 @@ from ._calls.progress import Progress
 from ._calls.session import Job
 from ._calls.wire import parsed
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
-from ._proto.voxelpipe.v1 import types_pb2 as types
-from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from ._proto.voxelpipe.v1 import mesh_pb2, request_pb2, server_info_pb2
 from .client import Client
 from .errors import Cancelled, MeshNotFound, NotSupported, VoxelpipeError
 from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
-from .mesh_handle import MeshHandle
+from .mesh_handle import MeshHandle, estimate_job, name_of
 from .options import make_request
 from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
 from .request import Request, checked_timeout
@@ -29,7 +28,7 @@ class InProcessClient(Client):
 
     default_client() gives one where voxelpipe_core is installed and no server is named. voxelize_many() runs small
     meshes with small results in batches of in_flight, whose timeout is that of the batch, others one after the other.
-    upload() loads a mesh that stays in memory until delete_mesh() or close(); later calls raise Cancelled. A forked
+    upload() loads a mesh that stays in memory until release_mesh() or close(); later calls raise Cancelled. A forked
     child of a process that has run requests or saved files takes a server of its own (local_server()), as the core's
     threads are not in it. Pickles as its options.
     """
@@ -83,7 +82,7 @@ class InProcessClient(Client):
         forked = self._served()
         if forked is not None:
             return forked.run(job, file, timeout=timeout, progress=progress)
-        held = self._find(job.mesh_id, file, timeout, progress) if job.mesh_id else None
+        held = self._find(job.stored, file, timeout, progress) if job.stored else None
         return in_process.run(job, self._seconds(timeout), progress, held, self._max_result_bytes)
 
     def upload(
@@ -97,26 +96,36 @@ class InProcessClient(Client):
         if forked is not None:
             return forked.upload(mesh, keep=keep, timeout=timeout, progress=progress)
         file = load_mesh(mesh)
-        mesh_id = file.mesh_id()
-        held, there = self._load(mesh_id, file, timeout, progress)
-        return MeshHandle(mesh_id, _described(held), there, file if keep else None)
+        name = file.stored_name()
+        held, there = self._load(name, file, timeout, progress)
+        return MeshHandle(name, _described(held), there, file if keep else None)
 
     def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
-        """The description of a loaded mesh. In: a handle or an id. Errors: MeshNotFound."""
+        """The description of a loaded mesh. In: a handle or a name. Errors: MeshNotFound."""
         forked = self._served()
         if forked is not None:
             return forked.stored_mesh(mesh)
-        return _described(self._find(_id_of(mesh), None, None, None))
+        return _described(self._find(name_of(mesh), None, None, None))
 
-    def delete_mesh(self, mesh: MeshHandle | str) -> int:
+    def meshes(self) -> Iterator[StoredMesh]:
+        """The loaded meshes; the newest first."""
+        forked = self._served()
+        if forked is not None:
+            yield from forked.meshes()
+            return
+        with self._lock:
+            loaded = [*self._held.values()]
+        yield from map(_described, reversed(loaded))
+
+    def release_mesh(self, mesh: MeshHandle | str) -> int:
         """Frees a loaded mesh, when no call uses it any more. Out: its bytes. Errors: MeshNotFound."""
         forked = self._served()
         if forked is not None:
-            return forked.delete_mesh(mesh)
+            return forked.release_mesh(mesh)
         with self._lock:
-            held = self._held.pop(_id_of(mesh), None)
+            held = self._held.pop(name_of(mesh), None)
         if held is None:
-            raise _not_found(_id_of(mesh))
+            raise _not_found(name_of(mesh))
         return _described(held).memory_bytes
 
     def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
@@ -124,17 +133,16 @@ class InProcessClient(Client):
         forked = self._served()
         if forked is not None:
             return forked.estimate(mesh, timeout=timeout, **options)
-        request = make_request(**options)
-        file = None if isinstance(mesh, MeshHandle) else load_mesh(mesh)
-        held = self._find(mesh.mesh_id, mesh.file, timeout, None) if isinstance(mesh, MeshHandle) else None
-        return Estimate.of(in_process.estimate(request, file, held, self._seconds(timeout)))
+        job = estimate_job(mesh, make_request(**options))
+        held = self._find(mesh.name, mesh.file, timeout, None) if isinstance(mesh, MeshHandle) else None
+        return Estimate.of(in_process.estimate(job, held, self._seconds(timeout)))
 
     def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""
         forked = self._served()
         if forked is not None:
             return forked.shaders()
-        listed = service.ListShadersResponse.FromString(core_module.core.shaders())
+        listed = server_info_pb2.ListShadersResponse.FromString(core_module.core.shaders())
         return [ShaderInfo.of(shader) for shader in listed.shaders]
 
     def server_info(self) -> ServerInfo:
@@ -170,7 +178,7 @@ class InProcessClient(Client):
         """A file, a held mesh, or the error in the place of the result."""
         try:
             is_handle = isinstance(mesh, MeshHandle)
-            return self._find(mesh.mesh_id, mesh.file, timeout, None) if is_handle else load_mesh(mesh)
+            return self._find(mesh.name, mesh.file, timeout, None) if is_handle else load_mesh(mesh)
         except VoxelpipeError as error:
             return error
         except OSError as error:
@@ -211,30 +219,30 @@ class InProcessClient(Client):
         return self._timeout if timeout is None else checked_timeout(timeout)
 
     def _find(
-        self, mesh_id: str, file: MeshFile | None, timeout: float | None, progress: Progress
+        self, name: str, file: MeshFile | None, timeout: float | None, progress: Progress
     ) -> in_process.Held:
-        held = self._held.get(mesh_id)
+        held = self._held.get(name)
         if held is not None:
             return held
         if file is None:
-            raise _not_found(mesh_id)
-        return self._load(mesh_id, file, timeout, progress)[0]
+            raise _not_found(name)
+        return self._load(name, file, timeout, progress)[0]
 
     def _load(
-        self, mesh_id: str, file: MeshFile, timeout: float | None, progress: Progress
+        self, name: str, file: MeshFile, timeout: float | None, progress: Progress
     ) -> tuple[in_process.Held, bool]:
         """The loaded mesh, and True if it was there: of several threads one loads it."""
         with self._lock:
-            loading = self._loading.setdefault(mesh_id, threading.Lock())
+            loading = self._loading.setdefault(name, threading.Lock())
         with loading:
-            held = self._held.get(mesh_id)
+            held = self._held.get(name)
             if held is not None:
                 return held, True
-            held = in_process.load(file, mesh_id, self._seconds(timeout), progress)
+            held = in_process.load(file, name, self._seconds(timeout), progress)
             with self._lock:
-                self._loading.pop(mesh_id, None)
+                self._loading.pop(name, None)
                 if not self._closed:
-                    self._held[mesh_id] = held
+                    self._held[name] = held
             return held, False
 
     def _served(self) -> Client | None:
@@ -273,22 +281,18 @@ def start_server() -> LocalServer:
 
 def _is_small(request: Request, mesh: Any) -> bool:
     """True for jobs that may run together: all of their meshes and results are in memory at the same time."""
-    if isinstance(mesh, (VoxelpipeError, _Raised)) or request.config.result == types.RESULT_KIND_BUCKETS:
+    if isinstance(mesh, (VoxelpipeError, _Raised)) or request.spec.result == request_pb2.RESULT_KIND_BUCKETS:
         return False
     file_bytes = len(mesh.data) if isinstance(mesh, MeshFile) else 0
     return file_bytes <= _SMALL_FILE_BYTES and request.dense_bytes() <= _SMALL_RESULT_BYTES
 
 
-def _id_of(mesh: MeshHandle | str) -> str:
-    return mesh if isinstance(mesh, str) else mesh.mesh_id
-
-
-def _not_found(mesh_id: str) -> MeshNotFound:
-    return MeshNotFound(f"the mesh {mesh_id} is not loaded in this process", mesh_id=mesh_id)
+def _not_found(name: str) -> MeshNotFound:
+    return MeshNotFound(f"the mesh {name} is not loaded in this process", name=name)
 
 
 def _described(held: in_process.Held) -> StoredMesh:
-    return StoredMesh.of(parsed(service.StoredMesh, held.describe()))
+    return StoredMesh.of(parsed(mesh_pb2.Mesh, held.describe()))
 
 
 def _restored(timeout: float | None, max_result_bytes: int) -> InProcessClient:

@@ -7,31 +7,31 @@ from typing import Any
 from ._calls.session import Job, positions_file
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from .report import StoredMesh
-from .request import Call
+from .request import Call, Request
 
 
 @dataclasses.dataclass(frozen=True)
 class MeshHandle:
     """A mesh that a server keeps; give it in place of the mesh. Made by Client.upload().
 
-    mesh_id: the SHA-256 of the file, 64 hexadecimal digits. stored: the server's description. file: sent again if the
-    server, or another replica of it, does not have the mesh (any more); None: MeshNotFound is raised then.
+    name: on the server, see StoredMesh. stored: the server's description. file: sent again if the server, or another
+    replica of it, does not have the mesh (any more); None: MeshNotFound is raised then.
     """
 
-    mesh_id: str
+    name: str
     stored: StoredMesh
     already_stored: bool
     file: MeshFile | None = dataclasses.field(repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         file = None if self.file is None else (bytes(self.file.data), self.file.format, self.file.name, self.file.unit)
-        return _restored_handle, (self.mesh_id, self.stored, self.already_stored, file)
+        return _restored_handle, (self.name, self.stored, self.already_stored, file)
 
 
 def _restored_handle(
-    mesh_id: str, stored: StoredMesh, already: bool, file: tuple[bytes, int, str, str] | None
+    name: str, stored: StoredMesh, already: bool, file: tuple[bytes, int, str, str] | None
 ) -> MeshHandle:
-    return MeshHandle(mesh_id, stored, already, file and MeshFile(memoryview(file[0]), *file[1:]))
+    return MeshHandle(name, stored, already, file and MeshFile(memoryview(file[0]), *file[1:]))
 
 
 def job_of(mesh: MeshLike | MeshHandle, call: Call) -> tuple[Job, MeshFile | None]:
@@ -41,7 +41,17 @@ def job_of(mesh: MeshLike | MeshHandle, call: Call) -> tuple[Job, MeshFile | Non
     """
     if isinstance(mesh, MeshHandle):
         positions = None if call.new_positions is None else positions_file(call.new_positions)
-        return Job(call.request, positions, mesh.mesh_id), mesh.file
+        return Job(call.request, positions, mesh.name), mesh.file
     if call.new_positions is not None:
         raise TypeError("new_positions needs a mesh from upload()")
     return Job(call.request, load_mesh(mesh)), None
+
+
+def name_of(mesh: MeshHandle | str) -> str:
+    """The name of a kept mesh. In: a handle or the name."""
+    return mesh if isinstance(mesh, str) else mesh.name
+
+
+def estimate_job(mesh: MeshLike | MeshHandle, request: Request) -> Job:
+    """The job of an estimate. Errors: those of load_mesh()."""
+    return Job(request, None, mesh.name) if isinstance(mesh, MeshHandle) else Job(request, load_mesh(mesh))

@@ -3,9 +3,10 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import string
+import re
 from typing import Any
 
+from ._proto.voxelpipe.v1 import mesh_pb2, result_pb2, server_info_pb2
 from ._proto.voxelpipe.v1 import types_pb2 as types
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .errors import DataLoss
@@ -17,7 +18,24 @@ _MAX_VOXELS = 1 << 53
 _MAX_WARNINGS = 100
 _MAX_TEXT_CHARACTERS = 256
 
-_MESH_ID_DIGITS = 64
+_MESH_NAME = re.compile("meshes/[0-9a-f]{64}(-(mm|cm|m|in))?(-(glb|gltf|drc|stl|ply|off|obj|3mf))?")
+_MAX_NAME_CHARACTERS = 80
+_MAX_SECONDS = 315_576_000_000  # of a Duration: 10,000 years
+_UNKNOWN = "unknown"  # a value of an enum that this client does not know
+
+
+def _names(enum: Any, prefix: str) -> dict[int, str]:
+    """The names of an enum's values, in lower case; of UNSPECIFIED an empty one."""
+    listed = {value: name.removeprefix(prefix).lower() for name, value in enum.items()}
+    return listed | {0: ""}
+
+
+_BACKENDS = _names(types.Backend, "BACKEND_")
+_SIMDS = _names(types.Simd, "SIMD_")
+_ELEMENTS = _names(types.ElementType, "ELEMENT_TYPE_")
+_TIME_CLASSES = _names(result_pb2.TimeClass, "TIME_CLASS_")
+_PARAMETERS = _names(server_info_pb2.ShaderParameterType, "SHADER_PARAMETER_TYPE_")
+_WARNINGS = _names(types.WarningCode, "WARNING_CODE_")
 
 
 def _broken(why: str) -> DataLoss:
@@ -28,8 +46,31 @@ def _vector(message: types.Vec3) -> Vector:
     return message.x, message.y, message.z
 
 
-def _optional(message: Any, field: str) -> Any:
-    return getattr(message, field) if message.HasField(field) else None
+def _count(message: Any, field: str) -> int:
+    """A count or a size. Errors: DataLoss if it is negative."""
+    count: int = getattr(message, field)
+    if count < 0:
+        raise _broken(f"{field} is {count}")
+    return count
+
+
+def _optional(message: Any, field: str) -> int | None:
+    return _count(message, field) if message.HasField(field) else None
+
+
+def _milliseconds(message: Any, field: str) -> float:
+    """A time. Errors: DataLoss if it is negative, or no Duration."""
+    time = getattr(message, field)
+    if not (0 <= time.seconds <= _MAX_SECONDS and 0 <= time.nanos < 1_000_000_000):
+        raise _broken(f"{field} is {time.seconds} s and {time.nanos} ns")
+    milliseconds: float = time.seconds * 1e3 + time.nanos / 1e6
+    return milliseconds
+
+
+def _simd(message: Any) -> str:
+    """The instruction set of a message with a backend too; "cuda" of that backend, which has none."""
+    backend = _BACKENDS.get(message.backend, _UNKNOWN)
+    return _SIMDS.get(message.simd, _UNKNOWN) or (backend if backend == "cuda" else "")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,16 +89,15 @@ class MeshWarning:
 
 
 def read_warnings(message: Any) -> tuple[MeshWarning, ...]:
-    """The warnings of a Summary, a StoredMesh or an estimate; a last one counts those that were left out.
+    """The warnings of a Summary, a Mesh or an estimate; a last one counts those that were left out.
 
-    Those beyond what a server may send are left out too.
+    Those beyond what a server may send are left out too. Errors: DataLoss.
     """
     listed = []
     for warning in message.warnings[:_MAX_WARNINGS]:
-        known = warning.code in types.WarningCode.values()
-        code = types.WarningCode.Name(warning.code).removeprefix("WARNING_CODE_").lower() if known else "unknown"
+        code = _WARNINGS.get(warning.code) or _UNKNOWN
         listed.append(MeshWarning(code, warning.place[:_MAX_TEXT_CHARACTERS], warning.text[:_MAX_TEXT_CHARACTERS]))
-    left_out = message.warnings_left_out + len(message.warnings) - len(listed)
+    left_out = _count(message, "warnings_left_out") + len(message.warnings) - len(listed)
     if left_out:
         listed.append(MeshWarning("left_out", "", f"{left_out} further warnings"))
     return tuple(listed)
@@ -79,10 +119,10 @@ class MeshReport:
 
     @staticmethod
     def of(message: types.MeshReport) -> "MeshReport":
-        """From the service's message."""
+        """From the service's message. Errors: DataLoss."""
         return MeshReport(
-            message.triangles,
-            message.vertices,
+            _count(message, "triangles"),
+            _count(message, "vertices"),
             _optional(message, "degenerate_triangles"),
             _optional(message, "open_edges"),
             _vector(message.min),
@@ -125,29 +165,29 @@ class Summary:
     request_id: str = ""
 
     @staticmethod
-    def of(message: service.Summary, request_id: str = "") -> "Summary":
-        """From the service's message."""
+    def of(message: result_pb2.Summary, request_id: str = "") -> "Summary":
+        """From the service's message. Errors: DataLoss."""
         stats = message.stats
         return Summary(
-            triangles=stats.triangles,
-            triangles_outside=stats.triangles_outside,
-            occupied=stats.occupied,
+            triangles=_count(stats, "triangles"),
+            triangles_outside=_count(stats, "triangles_outside"),
+            occupied=_count(stats, "occupied"),
             fragments=_optional(stats, "fragments"),
             odd_columns=_optional(stats, "odd_columns"),
-            backend=stats.backend,
-            simd=stats.simd,
+            backend=_BACKENDS.get(stats.backend, _UNKNOWN),
+            simd=_simd(stats),
             path=tuple(stats.path),
-            stages={stage.stage: stage.milliseconds for stage in stats.stages},
-            voxelize_ms=stats.voxelize_ms,
-            voxelize_cpu_ms=stats.voxelize_cpu_ms,
+            stages={stage.stage: _milliseconds(stage, "time") for stage in stats.stages},
+            voxelize_ms=_milliseconds(stats, "voxelize_time"),
+            voxelize_cpu_ms=_milliseconds(stats, "voxelize_cpu_time"),
             worker=stats.worker,
-            queue_ms=stats.queue_ms,
-            batch_jobs=stats.batch_jobs,
-            attempts=stats.attempts,
-            mesh=MeshReport.of(message.mesh),
-            peak_bytes=message.peak_bytes,
-            result_bytes=message.result_bytes,
-            sent_bytes=message.sent_bytes,
+            queue_ms=_milliseconds(stats, "queue_time"),
+            batch_jobs=_count(stats, "batch_jobs"),
+            attempts=_count(stats, "attempts"),
+            mesh=MeshReport.of(message.report),
+            peak_bytes=_count(message, "peak_bytes"),
+            result_bytes=_count(message, "result_bytes"),
+            sent_bytes=_count(message, "sent_bytes"),
             cached=message.cached,
             content_sha256=message.content_sha256,
             request_id=request_id,
@@ -189,16 +229,13 @@ class Estimate:
     def of(message: service.EstimateVoxelizationResponse) -> "Estimate":
         """From the service's message. Errors: DataLoss."""
         plan = message.plan
-        known = plan.time_class in service.TimeClass.values()
-        time_class = service.TimeClass.Name(plan.time_class).removeprefix("TIME_CLASS_").lower() if known else ""
-        mesh = MeshReport.of(message.mesh) if message.HasField("mesh") else None
         return Estimate(
             read_place(plan.grid),
-            plan.result_bytes,
-            plan.peak_bytes,
-            plan.backend,
-            time_class,
-            mesh,
+            _count(plan, "result_bytes"),
+            _count(plan, "peak_bytes"),
+            _BACKENDS.get(plan.backend, _UNKNOWN),
+            _TIME_CLASSES.get(plan.time_class, _UNKNOWN),
+            MeshReport.of(message.report) if message.HasField("report") else None,
             read_warnings(message),
         )
 
@@ -215,7 +252,9 @@ class ShaderParameterInfo:
 
 @dataclasses.dataclass(frozen=True)
 class ShaderInfo:
-    """A shader of the server. stage: "vertex" or "fragment". output_components: 1 to 4; 0 of a vertex shader."""
+    """A shader of the server. stage: "vertex" or "fragment". output_type: "f32" or "u32"; "position" of a vertex
+    shader. output_components: 1 to 4; 0 of a vertex shader.
+    """
 
     name: str
     stage: str
@@ -226,19 +265,23 @@ class ShaderInfo:
     parameters: tuple[ShaderParameterInfo, ...]
 
     @staticmethod
-    def of(message: service.ShaderInfo) -> "ShaderInfo":
-        """From the service's message."""
+    def of(message: server_info_pb2.ShaderInfo) -> "ShaderInfo":
+        """From the service's message. Errors: DataLoss."""
+        vertex = message.stage == server_info_pb2.SHADER_STAGE_VERTEX
+        parameters = [
+            ShaderParameterInfo(
+                one.name, _PARAMETERS.get(one.type, _UNKNOWN), tuple(one.default_values), one.description
+            )
+            for one in message.parameters
+        ]
         return ShaderInfo(
             message.name,
-            "vertex" if message.stage == service.SHADER_STAGE_VERTEX else "fragment",
+            "vertex" if vertex else "fragment",
             message.description,
-            message.output_type,
-            message.output_components,
+            _ELEMENTS.get(message.output_type, _UNKNOWN) or ("position" if vertex else ""),
+            _count(message, "output_components"),
             message.reads_textures,
-            tuple(
-                ShaderParameterInfo(one.name, one.type, tuple(one.default_value), one.description)
-                for one in message.parameters
-            ),
+            tuple(parameters),
         )
 
 
@@ -259,32 +302,35 @@ class Device:
 class ServerInfo:
     """A server's version, backends (best first, with the instruction set of each), threads, limits and devices.
 
-    limits: bytes and counts by the names of the service's ServerLimits, such as "max_result_bytes".
+    contract_revision: of the service; grows with each change of it. limits: bytes and counts by the names of the
+    service's ServerLimits, such as "max_result_bytes".
     """
 
     version: str
+    contract_revision: int
     backends: dict[str, str]
     threads: int
     limits: dict[str, int]
     devices: tuple[Device, ...]
 
     @staticmethod
-    def of(message: service.GetServerInfoResponse) -> "ServerInfo":
-        """From the service's message."""
+    def of(message: server_info_pb2.GetServerInfoResponse) -> "ServerInfo":
+        """From the service's message. Errors: DataLoss."""
         limits = message.limits
         return ServerInfo(
             message.version,
-            {backend.name: backend.simd for backend in message.backends},
-            message.threads,
-            {field.name: int(getattr(limits, field.name)) for field in limits.DESCRIPTOR.fields},
+            _count(message, "contract_revision"),
+            {_BACKENDS.get(one.backend, _UNKNOWN): _simd(one) for one in message.backends},
+            _count(message, "threads"),
+            {field.name: _count(limits, field.name) for field in limits.DESCRIPTOR.fields},
             tuple(
                 Device(
                     device.name,
-                    device.backend,
+                    _BACKENDS.get(device.backend, _UNKNOWN),
                     device.model,
-                    device.memory_bytes,
-                    device.workers,
-                    device.state != service.DEVICE_STATE_QUARANTINED,
+                    _count(device, "memory_bytes"),
+                    _count(device, "workers"),
+                    device.state != server_info_pb2.DEVICE_STATE_QUARANTINED,
                     device.reason,
                 )
                 for device in message.devices
@@ -294,9 +340,11 @@ class ServerInfo:
 
 @dataclasses.dataclass(frozen=True)
 class StoredMesh:
-    """A mesh that a server keeps. mesh_id: the SHA-256 of its bytes. uses: jobs that used it."""
+    """A mesh that a server keeps. name: "meshes/" and the SHA-256 of its bytes, then the unit and the format that were
+    given with it. uses: jobs that used it.
+    """
 
-    mesh_id: str
+    name: str
     file_bytes: int
     memory_bytes: int
     uses: int
@@ -304,15 +352,15 @@ class StoredMesh:
     warnings: tuple[MeshWarning, ...]
 
     @staticmethod
-    def of(message: service.StoredMesh) -> "StoredMesh":
+    def of(message: mesh_pb2.Mesh) -> "StoredMesh":
         """From the service's message. Errors: DataLoss."""
-        if len(message.mesh_id) != _MESH_ID_DIGITS or not all(digit in string.hexdigits for digit in message.mesh_id):
-            raise _broken(f"{message.mesh_id[:_MESH_ID_DIGITS]!r} names no mesh")
+        if not _MESH_NAME.fullmatch(message.name):
+            raise _broken(f"{message.name[:_MAX_NAME_CHARACTERS]!r} names no mesh")
         return StoredMesh(
-            message.mesh_id,
-            message.file_bytes,
-            message.memory_bytes,
-            message.uses,
-            MeshReport.of(message.mesh),
+            message.name,
+            _count(message, "file_bytes"),
+            _count(message, "memory_bytes"),
+            _count(message, "uses"),
+            MeshReport.of(message.report),
             read_warnings(message),
         )

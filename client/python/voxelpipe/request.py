@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Mapping, Sequence, Union, get_args
 from . import names
 from ._calls.address import ServerLike
 from ._calls.progress import Progress
+from ._proto.voxelpipe.v1 import request_pb2
 from ._proto.voxelpipe.v1 import types_pb2 as types
-from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .errors import InvalidRequest, UnknownOption
 from .keywords import check_target_names
 from .place import GridPlace
@@ -31,31 +31,37 @@ _MOST = 1 << 31
 class Request:
     """All of a request but the mesh. Made by make_request() (options.py)."""
 
-    config: service.VoxelizeConfig
+    message: request_pb2.VoxelizeRequest  # without a mesh
     targets: tuple[Target, ...]
     packed_bits: bool = False
     content_hash: bool = False
 
+    @property
+    def spec(self) -> request_pb2.VoxelizeSpec:
+        """What is made."""
+        return self.message.spec
+
     @functools.cached_property
     def encoded(self) -> bytes:
-        """The config as bytes."""
-        encoded: bytes = self.config.SerializeToString()
+        """The message as bytes."""
+        encoded: bytes = self.message.SerializeToString()
         return encoded
 
     def small_result(self, limit_bytes: int) -> bool:
         """True if the result can only be at most this large: a dense one of a bounded grid."""
-        dense = self.config.result in (types.RESULT_KIND_UNSPECIFIED, types.RESULT_KIND_DENSE)
-        return dense and self.dense_bytes() <= limit_bytes
+        return self.spec.result == request_pb2.RESULT_KIND_DENSE and self.dense_bytes() <= limit_bytes
 
     def dense_bytes(self) -> float:
         """The most bytes of a dense result with the grid and the targets of this request; infinite if unknown."""
-        grid = self.config.grid
-        if grid.HasField("dims"):
-            axes = (grid.dims.x, grid.dims.y, grid.dims.z)
-        elif grid.HasField("voxel_size"):
+        grid = self.spec.grid
+        form = grid.WhichOneof("form")
+        if form == "voxel_size":
             return math.inf
+        if form == "resolution":
+            axes = (grid.resolution.voxels,) * 3
         else:
-            axes = (grid.resolution or _DEFAULT_RESOLUTION,) * 3
+            dims = grid.placement.dims if form == "placement" else grid.dims
+            axes = (dims.x, dims.y, dims.z)
         voxels = math.prod(max(0, axis + 2 * grid.padding) for axis in axes)
         sizes = {"bit": 0.125, "u8": 1, "u16": 2, "f16": 2, "u32": 4, "f32": 4}
         return sum(voxels * sizes[target.format] * (target.components or 4) for target in self.targets)
@@ -117,7 +123,7 @@ def _grid(
     like: "VoxelGrid | GridPlace | None",
     fit: names.Fit,
     padding: int,
-) -> types.GridRequest:
+) -> request_pb2.GridRequest:
     if like is not None:
         if any(value is not None for value in (resolution, voxel_size, dims, origin)) or padding or fit == "cube":
             raise InvalidRequest("like: gives the whole grid; leave out the other options of the grid", field="like")
@@ -129,36 +135,42 @@ def _grid(
         other = "voxel_size" if voxel_size is not None else "dims"
         raise InvalidRequest(f"resolution: cannot be given together with {other}", field="resolution")
     if fit == "cube" and (voxel_size is not None or dims is not None):
-        other = "voxel_size" if voxel_size is not None else "dims"
-        raise InvalidRequest(f"fit: a cube goes with resolution, not with {other}", field="fit")
+        other = "a voxel size" if voxel_size is not None else "dims"
+        raise InvalidRequest(f"fit: a cube goes with a resolution, not with {other}", field="fit")
     if origin is not None and dims is None:
-        raise InvalidRequest("dims: are needed with origin", field="dims")
-    if dims is not None and (origin is None) != (voxel_size is None):
-        missing, given = ("origin", "voxel_size") if origin is None else ("voxel_size", "origin")
-        raise InvalidRequest(f"{missing}: is needed with dims and {given}; dims alone fit the mesh", field=missing)
+        raise InvalidRequest("dims: an origin is given together with dims and a voxel size", field="dims")
+    if dims is not None and origin is not None and voxel_size is None:
+        raise InvalidRequest("voxel_size: a grid given by dims and origin needs a voxel size", field="voxel_size")
+    if dims is not None and voxel_size is not None and origin is None:
+        raise InvalidRequest(
+            "origin: a grid given by dims and a voxel size needs an origin; dims alone are fitted to the mesh",
+            field="origin",
+        )
     if _whole(padding, "padding") < 0:
         raise InvalidRequest(f"padding: {padding!r} is below 0", field="padding")
-    grid = types.GridRequest(padding=_whole(padding, "padding"))
-    grid.fit = _choice(types.GridFit, "GRID_FIT", fit, names.Fit, "fit")
+    grid = request_pb2.GridRequest(padding=_whole(padding, "padding"))
+    placed: Any = grid.placement if origin is not None else grid
+    code = _choice(request_pb2.GridFit, "GRID_FIT", fit, names.Fit, "fit")
     if dims is not None:
         if not hasattr(dims, "__getitem__") or len(dims) != 3:
             raise InvalidRequest(f"dims: {dims!r} are not three numbers: x, y, z", field="dims")
         sizes = [_whole(axis, "dims") for axis in dims]
         if min(sizes) < 1:
             raise InvalidRequest(f"dims: {dims!r} are not above 0", field="dims")
-        grid.dims.CopyFrom(types.Dims(x=sizes[0], y=sizes[1], z=sizes[2]))
+        placed.dims.CopyFrom(types.Dims(x=sizes[0], y=sizes[1], z=sizes[2]))
     elif voxel_size is None:
-        grid.resolution = _whole(_DEFAULT_RESOLUTION if resolution is None else resolution, "resolution")
-        if grid.resolution < 1:
-            raise InvalidRequest(f"resolution: {grid.resolution} is below 1", field="resolution")
+        voxels = _whole(_DEFAULT_RESOLUTION if resolution is None else resolution, "resolution")
+        if voxels < 1:
+            raise InvalidRequest(f"resolution: {voxels} is below 1", field="resolution")
+        grid.resolution.CopyFrom(request_pb2.GridResolution(voxels=voxels, fit=code))
     if voxel_size is not None:
         x, y, z = per_axis(voxel_size, "voxel_size")
         if min(x, y, z) <= 0:
             raise InvalidRequest(f"voxel_size: {voxel_size!r} is not above 0", field="voxel_size")
-        grid.voxel_size.CopyFrom(types.Vec3(x=x, y=y, z=z))
+        placed.voxel_size.CopyFrom(types.Vec3(x=x, y=y, z=z))
     if origin is not None:
         x, y, z = per_axis(origin, "origin")
-        grid.origin.CopyFrom(types.Vec3(x=x, y=y, z=z))
+        grid.placement.origin.CopyFrom(types.Vec3(x=x, y=y, z=z))
     return grid
 
 
@@ -281,21 +293,25 @@ def call_options(
             raise InvalidRequest(f"{name}: {switch!r} is neither True nor False", field=name)
     default_shader = _shader(shader, "shader")
     listed = _targets(targets, named, default_shader, result)
-    config = service.VoxelizeConfig(
+    vertex = _shader(vertex_shader, "vertex_shader")
+    spec = request_pb2.VoxelizeSpec(
         grid=_grid(resolution, voxel_size, dims, origin, like, fit, padding),
-        coverage=_choice(types.Coverage, "COVERAGE", coverage, names.Coverage, "coverage"),
-        fill=_choice(types.Fill, "FILL", fill, names.Fill, "fill"),
-        result=_choice(types.ResultKind, "RESULT_KIND", result, names.ResultKind, "result"),
-        layout=_choice(types.Layout, "LAYOUT", layout, names.Layout, "layout"),
-        backend=_choice(types.Backend, "BACKEND", backend, names.Backend, "backend"),
-        priority=_choice(types.Priority, "PRIORITY", priority, names.Priority, "priority"),
-        compression=_choice(types.Compression, "COMPRESSION", compression, names.Compression, "compression"),
+        coverage=_choice(request_pb2.Coverage, "COVERAGE", coverage, names.Coverage, "coverage"),
+        fill=_choice(request_pb2.Fill, "FILL", fill, names.Fill, "fill"),
+        vertex_shader=None if vertex is None else vertex.to_message(),
         targets=[target.to_message(default_shader) for target in listed],
-        without_content_hash=not content_hash,
+        layout=_choice(request_pb2.Layout, "LAYOUT", layout, names.Layout, "layout"),
+        result=_choice(request_pb2.ResultKind, "RESULT_KIND", result, names.ResultKind, "result"),
         strict=strict,
     )
-    vertex = _shader(vertex_shader, "vertex_shader")
-    if vertex is not None:
-        config.vertex_shader.CopyFrom(vertex.to_message())
-    request = Request(config, listed, packed_bits, content_hash)
+    execution = request_pb2.Execution(
+        backend=_choice(types.Backend, "BACKEND", backend, names.Backend, "backend"),
+        priority=_choice(request_pb2.Priority, "PRIORITY", priority, names.Priority, "priority"),
+    )
+    delivery = request_pb2.Delivery(
+        compression=_choice(request_pb2.Compression, "COMPRESSION", compression, names.Compression, "compression"),
+        content_hash=content_hash,
+    )
+    message = request_pb2.VoxelizeRequest(spec=spec, execution=execution, delivery=delivery)
+    request = Request(message, listed, packed_bits, content_hash)
     return Call(request, new_positions, server, checked_timeout(timeout), progress)

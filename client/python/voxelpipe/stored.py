@@ -12,8 +12,8 @@ import numpy.typing
 
 from . import names
 from ._calls.reader import ResultReader, check_lists
+from ._proto.voxelpipe.v1 import result_pb2
 from ._proto.voxelpipe.v1 import types_pb2 as types
-from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .grid import VoxelGrid
 from .options import make_request
 from .place import GridPlace
@@ -234,15 +234,14 @@ def _made(
         result=kind,
         layout=layout,
     )
-    header = service.ResultHeader(
+    header = result_pb2.ResultHeader(
         grid=types.Grid(
             dims=types.Dims(x=place.dims[0], y=place.dims[1], z=place.dims[2]),
             origin=_vec3(place.origin_corner),
             voxel_size=_vec3(place.voxel_size),
             index_to_world=place.index_to_world.reshape(-1).tolist(),
         ),
-        layout=request.config.layout,
-        kind=request.config.result,
+        spec=request.spec,
     )
     listed = {"sparse": ("brick", "mask"), "buckets": ("voxel", "offset", "triangle")}.get(kind, ())
     elements = {"u8": "U64", "u4": "U32", "u1": "U8"}
@@ -253,7 +252,7 @@ def _made(
         header.arrays.add(name=f"target{number}", element_type=element, shape=value.shape)
     flat = [array.reshape(-1).view(numpy.uint8) for array in lists] + [value.data for value in values]
     reader = ResultReader(request, max_result_bytes=1 << 63, request_id="", report=None)
-    summary = service.Summary(result_bytes=sum(array.nbytes for array in flat))
+    summary = result_pb2.Summary(result_bytes=sum(array.nbytes for array in flat))
     grid = reader.taken_over(header.SerializeToString(), flat, summary.SerializeToString())
     count = grid.array.shape[-1 if layout == "planar" else 0] if kind == "sparse" else 0
     check_lists(kind, place, grid.lists, count)

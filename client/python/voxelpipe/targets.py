@@ -8,7 +8,7 @@ import numpy
 import numpy.typing
 
 from . import texts
-from ._proto.voxelpipe.v1 import types_pb2 as types
+from ._proto.voxelpipe.v1 import request_pb2
 from .errors import InvalidRequest
 from .names import Blend, Encoding, Format
 
@@ -48,15 +48,15 @@ class Shader:
             raise InvalidRequest(f"shader: {error}", field="shader") from None
         return _shader_of(parsed.name, parsed.parameters)
 
-    def to_message(self) -> types.ShaderCall:
+    def to_message(self) -> request_pb2.ShaderCall:
         """The message of the service."""
-        call = types.ShaderCall(name=self.name)
+        call = request_pb2.ShaderCall(name=self.name)
         for name, value in self.parameters.items():
             if isinstance(value, str):
-                call.parameters.append(types.ShaderParameter(name=name, text=value))
+                call.parameters.add(name=name, text=value)
             else:
                 numbers = numpy.asarray(value, numpy.float64).ravel().tolist()
-                call.parameters.append(types.ShaderParameter(name=name, values=numbers))
+                call.parameters.add(name=name, numbers=request_pb2.Numbers(values=numbers))
         return call
 
 
@@ -115,7 +115,7 @@ class Target:
             encoding=parsed.encoding or "linear",  # type: ignore[arg-type]
         )
 
-    def to_message(self, default_shader: Shader | None = None) -> types.RenderTarget:
+    def to_message(self, default_shader: Shader | None = None) -> request_pb2.RenderTarget:
         """The message of the service. In: the request's shader, for targets without one of their own."""
         if self.format not in _FORMATS:
             raise InvalidRequest(f"format: '{self.format}' is none of {', '.join(_FORMATS)}", field="targets")
@@ -124,23 +124,23 @@ class Target:
         if self.encoding not in get_args(Encoding):
             known = ", ".join(get_args(Encoding))
             raise InvalidRequest(f"encoding: '{self.encoding}' is none of {known}", field="targets")
-        message = types.RenderTarget(format=types.VoxelFormat.Value(f"VOXEL_FORMAT_{self.format.upper()}"))
+        voxel_format = request_pb2.VoxelFormat.Value(f"VOXEL_FORMAT_{self.format.upper()}")
+        message = request_pb2.RenderTarget(format=voxel_format, clear=self.clear)
         if self.components is not None:
             message.components = self.components
         if self.blend is not None:
-            message.blend = types.Blend.Value(f"BLEND_{self.blend.upper()}")
+            message.blend = request_pb2.Blend.Value(f"BLEND_{self.blend.upper()}")
         shader = self.shader or default_shader
         if shader is not None:
             message.shader.CopyFrom(shader.to_message())
-        message.clear = self.clear
         if self.fill is not None:
-            message.fill_values.extend(numpy.atleast_1d(numpy.asarray(self.fill, numpy.float64)).tolist())
+            message.fill.extend(numpy.atleast_1d(numpy.asarray(self.fill, numpy.float64)).tolist())
         if self.scale is not None:
             message.scale = self.scale
         if self.quantum is not None:
             message.quantum = self.quantum
         if self.encoding != "linear":
-            message.encoding = types.Encoding.Value(f"ENCODING_{self.encoding.upper()}")
+            message.encoding = request_pb2.Encoding.Value(f"ENCODING_{self.encoding.upper()}")
         return message
 
 

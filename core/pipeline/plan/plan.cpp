@@ -70,11 +70,11 @@ absl::Status ValidateTarget(const TargetSpec& target, const std::string& field) 
   }
   if (!std::isfinite(target.clear)) return Invalid(field + ".clear", "must be finite");
   if (target.fill_values.size() > 1 && target.fill_values.size() != size_t(target.components)) {
-    return Invalid(field + ".fill_values", absl::StrCat("one number, or one for each of ", target.components,
+    return Invalid(field + ".fill", absl::StrCat("one number, or one for each of ", target.components,
                                                         " components; ", target.fill_values.size(), " given"));
   }
   for (const double value : target.fill_values) {
-    if (!std::isfinite(value)) return Invalid(field + ".fill_values", "must be finite");
+    if (!std::isfinite(value)) return Invalid(field + ".fill", "must be finite");
   }
   return ValidateEncoding(target, field + ".encoding");
 }
@@ -137,10 +137,12 @@ uint64_t TargetBytes(const TargetSpec& target, uint64_t voxels) {
 }
 
 absl::Status ValidateRequest(const VoxelizeRequest& request) {
+  if (request.targets.empty()) return Invalid("targets", "at least one is needed");
+  // Before the rest, as clients of a server see it: a grid in none of its forms has no message.
+  if (absl::Status s = CheckGridRequest(request.grid); !s.ok()) return s;
   if (auto shader = BindShader(ShaderStage::kVertex, request.vertex_shader); !shader.ok()) {
     return At("vertex_shader", shader.status());
   }
-  if (request.targets.empty()) return Invalid("targets", "at least one is needed");
   if (request.targets.size() > size_t{kMaxTargets}) {
     return Invalid("targets",
                    absl::StrCat("at most ", kMaxTargets, " are possible, ", request.targets.size(), " given"));

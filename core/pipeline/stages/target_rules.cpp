@@ -47,9 +47,7 @@ VoxelFormat KeptFormat(const TargetSpec& spec) {
 }
 
 double ScaleOf(const TargetSpec& spec, const BoundShader& shader) {
-  if (spec.scale) return *spec.scale;
-  if (!shader.info->is_color) return 1;
-  return spec.format == VoxelFormat::kU8 ? 255 : spec.format == VoxelFormat::kU16 ? 65535 : 1;
+  return spec.scale ? *spec.scale : OwnScale(spec.format, *shader.info);
 }
 
 bool FillBit(const TargetSpec& spec) {

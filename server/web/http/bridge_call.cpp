@@ -7,15 +7,13 @@
 namespace voxelpipe {
 namespace {
 
-// How often the client's socket is looked at while gRPC works, and whether the call may go on.
+// How often the client's socket is looked at while gRPC works.
 constexpr std::chrono::milliseconds kLookInterval{50};
 
 }  // namespace
 
-BridgeCall::BridgeCall(const std::shared_ptr<grpc::Channel>& channel, const Setup& setup, grpc::ByteBuffer request,
-                       std::function<bool()> may_go_on)
+BridgeCall::BridgeCall(const std::shared_ptr<grpc::Channel>& channel, const Setup& setup, grpc::ByteBuffer request)
     : client_(setup.client),
-      may_go_on_(std::move(may_go_on)),
       next_look_(std::chrono::system_clock::now() + kLookInterval),
       stub_(channel),
       request_(std::move(request)) {
@@ -55,7 +53,7 @@ bool BridgeCall::WaitFor(Step step) {
     const auto now = std::chrono::system_clock::now();
     if (now < next_look_) continue;
     next_look_ = now + kLookInterval;
-    if (HasHungUp(client_) || (may_go_on_ && !may_go_on_())) {
+    if (HasHungUp(client_)) {
       gone_ = true;
       context_.TryCancel();
     }

@@ -4,7 +4,6 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -37,10 +36,8 @@ class BridgeCall {
     int client = -1;  // the socket: if it closes, the call is cancelled
   };
 
-  // Starts the call. `may_go_on`, if given, is asked several times a second while a function waits; false cancels the
-  // call.
-  BridgeCall(const std::shared_ptr<grpc::Channel>& channel, const Setup& setup, grpc::ByteBuffer request,
-             std::function<bool()> may_go_on = nullptr);
+  // Starts the call.
+  BridgeCall(const std::shared_ptr<grpc::Channel>& channel, const Setup& setup, grpc::ByteBuffer request);
   ~BridgeCall();
   BridgeCall(const BridgeCall&) = delete;
   BridgeCall& operator=(const BridgeCall&) = delete;
@@ -68,7 +65,6 @@ class BridgeCall {
   bool WaitFor(Step step);
 
   const int client_;
-  const std::function<bool()> may_go_on_;
   std::chrono::system_clock::time_point next_look_;
   grpc::ClientContext context_;
   grpc::CompletionQueue queue_;

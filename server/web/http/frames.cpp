@@ -45,14 +45,17 @@ std::string TrailerFrame(const grpc::Status& status, const WebMetadata& trailers
     absl::StrAppend(&lines, "grpc-message: ", PercentEncoded(status.error_message()), "\r\n");
   }
   if (!status.error_details().empty()) {
-    // gRPC sends binary values without padding.
-    std::string details = absl::Base64Escape(status.error_details());
-    details.erase(std::min(details.find('='), details.size()));
-    absl::StrAppend(&lines, "grpc-status-details-bin: ", details, "\r\n");
+    absl::StrAppend(&lines, "grpc-status-details-bin: ", BinaryValue(status.error_details()), "\r\n");
   }
   for (const auto& [key, value] : trailers) absl::StrAppend(&lines, key, ": ", PercentEncoded(value), "\r\n");
   const FrameHead head = MakeHead(kTrailers, lines.size());
   return std::string(head.begin(), head.end()) + lines;
+}
+
+std::string BinaryValue(std::string_view bytes) {
+  std::string value = absl::Base64Escape(absl::string_view(bytes.data(), bytes.size()));
+  value.erase(std::min(value.find('='), value.size()));
+  return value;
 }
 
 std::string PercentEncoded(std::string_view text) {

@@ -37,6 +37,9 @@ FrameHead HeadOfMessage(uint64_t bytes);
 // The last frame of a response: the status, its details and further trailers, as lines of HTTP/1.
 std::string TrailerFrame(const grpc::Status& status, const WebMetadata& trailers = {});
 
+// A binary value of a header, as gRPC writes it: base64 without padding.
+std::string BinaryValue(std::string_view bytes);
+
 // Every byte other than printable ASCII, and '%', becomes %XX.
 std::string PercentEncoded(std::string_view text);
 

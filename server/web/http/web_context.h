@@ -6,7 +6,6 @@
 
 #include <grpcpp/channel.h>
 
-#include "schedule/byte_budget.h"
 #include "state/service_state.h"
 #include "web/http/origin_rules.h"
 
@@ -17,13 +16,11 @@ struct WebContext {
   WebContext(ServiceState& of_server, std::shared_ptr<grpc::Channel> to_server, OriginRules rules)
       : state(of_server),
         channel(std::move(to_server)),
-        origins(std::move(rules)),
-        files(of_server.options.web_file_bytes) {}
+        origins(std::move(rules)) {}
 
   ServiceState& state;
   const std::shared_ptr<grpc::Channel> channel;  // of the server itself
   const OriginRules origins;
-  ByteBudget files;  // temporary files of /file
 };
 
 }  // namespace voxelpipe

@@ -1,6 +1,7 @@
 #include "web/http/web_reply.h"
 
 #include "absl/strings/str_cat.h"
+#include "web/http/frames.h"
 
 namespace voxelpipe {
 namespace {
@@ -49,7 +50,8 @@ void AddWebHeaders(MHD_Response* response, const std::string& type, const std::s
   if (allowed.empty()) return;
   add("Access-Control-Allow-Origin", allowed);
   add("Access-Control-Expose-Headers",
-      "content-disposition, grpc-message, grpc-status, grpc-status-details-bin, voxelpipe-warning, x-request-id");
+      "content-disposition, grpc-message, grpc-status, grpc-status-details-bin, voxelpipe-summary-bin, "
+      "voxelpipe-warning, x-request-id");
 }
 
 MHD_Result QueueWebReply(MHD_Connection* connection, MHD_Response* response, const WebReply& reply,
@@ -77,6 +79,9 @@ WebReply PlainError(const grpc::Status& status) {
   WebReply reply{HttpCodeOf(status.error_code()), "text/plain; charset=utf-8", status.error_message() + "\n", {}};
   reply.headers.emplace_back("grpc-status", absl::StrCat(int(status.error_code())));
   reply.headers.emplace_back("grpc-message", PercentEncoded(status.error_message()));
+  if (!status.error_details().empty()) {
+    reply.headers.emplace_back("grpc-status-details-bin", BinaryValue(status.error_details()));
+  }
   return reply;
 }
 

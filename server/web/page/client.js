@@ -5,8 +5,7 @@
 import {joined, Messages} from './messages.js';
 
 const SERVICE = '/voxelpipe.v1.VoxelizationService/';
-const INVALID_ARGUMENT = 3;
-const UNAUTHENTICATED = 16;
+const INVALID_ARGUMENT = 3, NOT_FOUND = 5, PERMISSION_DENIED = 7, RESOURCE_EXHAUSTED = 8, UNAUTHENTICATED = 16;
 const TRAILERS = 128;
 
 export class CallError extends Error {
@@ -14,6 +13,9 @@ export class CallError extends Error {
     super(message);
     this.needsToken = code === UNAUTHENTICATED;
     this.invalid = code === INVALID_ARGUMENT;
+    this.missing = code === NOT_FOUND;
+    this.exhausted = code === RESOURCE_EXHAUSTED;
+    this.denied = code === PERMISSION_DENIED;
   }
 }
 
@@ -28,13 +30,14 @@ export class Server {
   // In: the object of /facts.json, and a function that returns the token, empty if there is none.
   constructor(facts, token) {
     this.messages = new Messages(facts);
+    this.methods = facts.methods;
     this.token = token;
   }
 
   // The answers of a call, one after the other. Throws a CallError, or an AbortError.
   async *call(method, request, signal) {
-    const own = method === 'VoxelizeMesh' ? 'VoxelizeResponse' : `${method}Response`;
-    const bytes = this.messages.encode(`${method}Request`, request);
+    const names = this.methods[method];
+    const bytes = this.messages.encode(names.request, request);
     const head = new Uint8Array(5);
     new DataView(head.buffer).setUint32(1, bytes.length);
     const response = await fetch(SERVICE + method, {
@@ -48,7 +51,7 @@ export class Server {
     let trailers;
     for await (const [flags, frame] of framesOf(response.body)) {
       if (flags & TRAILERS) trailers = headersOf(frame);
-      else yield this.messages.decode(own, frame);
+      else yield this.messages.decode(names.response, frame);
     }
     if (!trailers) throw new CallError(null, 'the connection ended before the answer did');
     check(trailers.get('grpc-status'), trailers.get('grpc-message'));
@@ -60,19 +63,19 @@ export class Server {
     return answer;
   }
 
-  // The result as a file of this format: its `blob`, and its `name`, "result.npz"; several files are one .zip.
-  async file(name, request, signal) {
-    const response = await fetch(`/file?format=${encodeURIComponent(name)}`, {
+  // The result of a VoxelizeRequest as a file of this format: its `blob`, its `name`, "result.npz" (several files are
+  // one .zip), and the `summary` of the call.
+  async file(format, request, signal) {
+    const response = await fetch(`/file?format=${encodeURIComponent(format)}`, {
       method: 'POST',
       signal,
       headers: {...this.#headers(), 'content-type': 'application/x-protobuf'},
-      body: this.messages.encode('VoxelizeMeshRequest', request),
+      body: this.messages.encode('VoxelizeRequest', request),
     });
-    if (response.ok) {
-      const name = /filename="([^"]*)"/.exec(response.headers.get('content-disposition') ?? '')?.[1];
-      return {blob: await response.blob(), name: name ?? 'result'};
-    }
-    throw await errorOf(response);
+    if (!response.ok) throw await errorOf(response);
+    const name = /filename="([^"]*)"/.exec(response.headers.get('content-disposition') ?? '')?.[1];
+    const summary = this.messages.decode('Summary', binary(response.headers.get('voxelpipe-summary-bin') ?? ''));
+    return {blob: await response.blob(), name: name ?? 'result', summary};
   }
 
   #headers() {
@@ -87,6 +90,11 @@ async function errorOf(response) {
   const type = response.headers.get('content-type') ?? '';
   const text = type.startsWith('text/plain') ? (await response.text()).trim() : '';
   return new CallError(Number(status), text || `the server refused the request: HTTP ${response.status}`);
+}
+
+// A binary value of a header: base64, with or without padding.
+function binary(text) {
+  return Uint8Array.from(atob(text), (byte) => byte.charCodeAt(0));
 }
 
 function headersOf(bytes) {

@@ -1,10 +1,10 @@
 // Messages of voxelpipe.v1 as plain objects. Field numbers and types come from the server (/facts.json), which has them
-// from the .proto files; names are theirs. 64-bit integers become numbers.
+// from the .proto files; names are theirs, also those of enums' values. 64-bit integers become numbers.
 //
 // Source: Google, "Protocol Buffers: Encoding", 2008 to 2025.
 
 const VARINT = 0, FIXED64 = 1, BYTES = 2, FIXED32 = 5;
-const DEFAULTS = {string: '', bool: false, bytes: new Uint8Array(0)}; // of others 0
+const DEFAULTS = {string: '', bytes: new Uint8Array(0), double: 0, fixed32: 0}; // of others that of the varint 0
 const WIRE_TYPES = {double: FIXED64, fixed32: FIXED32, string: BYTES, bytes: BYTES, message: BYTES};
 
 export class Messages {
@@ -12,6 +12,10 @@ export class Messages {
   constructor({messages, enums}) {
     this.messages = messages;
     this.enums = enums;
+    this.names = {}; // of the values of each enum, by number
+    for (const [name, values] of Object.entries(enums)) {
+      this.names[name] = new Map(Object.entries(values).map(([value, number]) => [number, value]));
+    }
   }
 
   // In: the name of a message, and its fields. Fields that are undefined are left out. Throws an Error for a name that
@@ -41,18 +45,19 @@ export class Messages {
       else view.setUint32(0, value, true);
       return [tag, new Uint8Array(view.buffer)];
     }
-    return [tag, varint(typeof value === 'string' ? this.enums[field.of][value] : Number(value))];
+    return [tag, varint(field.type === 'enum' ? this.enums[field.of][value] : Number(value))];
   }
 
-  // Out: the fields that the bytes hold; absent ones have their defaults, absent messages are undefined. Enums are
-  // numbers. Throws a RangeError if the bytes end within a field.
+  // Out: the fields that the bytes hold; absent ones have their defaults, absent messages are undefined. Values of
+  // enums that the server's description does not name stay numbers. Throws a RangeError if the bytes end within a
+  // field.
   decode(name, bytes) {
     const fields = this.messages[name];
     const byNumber = new Map(Object.entries(fields).map(([key, field]) => [field.number, [key, field]]));
     const message = {};
     for (const [key, field] of Object.entries(fields)) {
       if (field.repeated) message[key] = [];
-      else if (field.type !== 'message') message[key] = DEFAULTS[field.type] ?? 0;
+      else if (field.type !== 'message') message[key] = DEFAULTS[field.type] ?? this.#value(field, 0);
     }
     const reader = new Reader(bytes);
     while (!reader.done()) {
@@ -81,6 +86,7 @@ export class Messages {
       case 'message': return this.decode(field.of, raw);
       case 'string': return new TextDecoder().decode(raw);
       case 'bool': return raw !== 0;
+      case 'enum': return this.names[field.of].get(raw) ?? raw;
       case 'double': return new DataView(raw.buffer, raw.byteOffset).getFloat64(0, true);
       case 'fixed32': return new DataView(raw.buffer, raw.byteOffset).getUint32(0, true);
       default: return raw;

@@ -1,28 +1,22 @@
 // The server's page: a mesh, a request, progress, the voxels, and files of them.
 import {readFacts, Server} from './client.js';
+import {PageMesh} from './mesh.js';
 
 const $ = (id) => document.getElementById(id);
 const COLOURS = new Set(['base_color', 'emissive', 'color']);
-const FORMATS = new Map([['drc', 'MESH_FORMAT_DRACO']]); // by extension
-for (const name of ['glb', 'gltf', 'stl', 'ply', 'off', 'obj', '3mf']) {
-  FORMATS.set(name, `MESH_FORMAT_${name.toUpperCase()}`);
-}
-const FRAGMENT = 2; // SHADER_STAGE_FRAGMENT
 const FACTS = await readFacts().catch((error) => {
   say(error);
   throw error;
 });
 const server = new Server(FACTS, () => $('token').value.trim());
-const ESTIMATE_LIMIT_BYTES = 4 << 20; // larger meshes are sent for the result alone
+const SHOWS_VOXELS = FACTS.formats.some(({name}) => name === 'html');
+const ESTIMATE_LIMIT_BYTES = 4 << 20; // larger meshes that are not stored are sent for the result alone
 
-let mesh = null; // Uint8Array
-let meshName = '';
-let named = undefined; // the format that the file's name tells
-let told = undefined; // the same, once the server has asked for it
+let mesh = null; // PageMesh
 let shaders = new Map();
 let limits = null;
 let running = null; // AbortController
-let shown = null; // the request of the result
+let shown = null; // mesh and spec of the result
 let viewer = null;
 
 // Nothing of an error that the person caused by cancelling.
@@ -37,9 +31,12 @@ const bytesText = (bytes) => {
   return `${unit === 0 ? value : value.toPrecision(3)} ${units[unit]}`;
 };
 const dimsText = ({x, y, z}) => `${x} x ${y} x ${z}`;
+const msOf = ({seconds, nanos}) => seconds * 1e3 + nanos * 1e-6;
+// The last word of an enum's value: "cpu" of BACKEND_CPU.
+const wordOf = (value) => `${value}`.split('_').pop().toLowerCase();
 
-// A VoxelizeConfig of what is chosen.
-function configOf() {
+// A VoxelizeSpec of what is chosen.
+function specOf() {
   const targets = [{format: 'VOXEL_FORMAT_BIT', blend: 'BLEND_OR'}];
   const name = $('shader').value;
   if (name && name !== 'occupancy') {
@@ -50,34 +47,18 @@ function configOf() {
   const bySize = $('form').elements.by.value === 'size';
   const size = Number($('size').value);
   const resolution = Math.max(0, Math.round(Number($('resolution').value)));
-  const grid = bySize ? {voxel_size: {x: size, y: size, z: size}} : {resolution};
-  return {grid, targets, coverage: $('coverage').value, fill: $('fill').value, mesh_format: told};
-}
-
-// Calls again, with the format that the file's name tells, where the content shows none. In: a call that takes its
-// config from configOf.
-async function withFormat(call) {
-  try {
-    return await call();
-  } catch (error) {
-    if (!error.invalid || told || !named) throw error;
-    told = named;
-    try {
-      return await call();
-    } catch (second) {
-      if (second.invalid) told = undefined;
-      throw second.invalid ? error : second;
-    }
-  }
+  const grid = bySize ? {voxel_size: {x: size, y: size, z: size}} : {resolution: {voxels: resolution}};
+  return {grid, targets, coverage: $('coverage').value, fill: $('fill').value};
 }
 
 async function connect() {
+  mesh?.forget(); // another client may store what the last one could not
   try {
     const [info, list] = await Promise.all([server.one('GetServerInfo', {}), server.one('ListShaders', {})]);
     limits = info.limits;
     $('server').textContent = `version ${info.version}, ${info.devices.map((d) => d.model || d.name).join(', ')}`;
     const chosen = $('shader').value || 'normal';
-    shaders = new Map(list.shaders.filter((s) => s.stage === FRAGMENT).map((s) => [s.name, s]));
+    shaders = new Map(list.shaders.filter((s) => wordOf(s.stage) === 'fragment').map((s) => [s.name, s]));
     $('shader').replaceChildren(...[...shaders.keys()].map((name) => new Option(name, name)));
     if (shaders.has(chosen)) $('shader').value = chosen;
     describeShader();
@@ -92,7 +73,7 @@ async function connect() {
 function describeShader() {
   const shader = shaders.get($('shader').value);
   $('shader-about').textContent =
-    shader ? `${shader.description} (${shader.output_type} x ${shader.output_components})` : '';
+    shader ? `${shader.description} (${wordOf(shader.output_type)} x ${shader.output_components})` : '';
 }
 
 async function take(file) {
@@ -103,10 +84,9 @@ async function take(file) {
       'For larger meshes: voxelpipe voxelize --server.';
     return;
   }
-  mesh = new Uint8Array(await file.arrayBuffer());
-  meshName = file.name.replace(/\.[^.]*$/, '');
-  named = FORMATS.get(file.name.slice(meshName.length + 1).toLowerCase());
-  told = undefined;
+  const bytes = new Uint8Array(await file.arrayBuffer());
+  if (!running) mesh?.discard();
+  mesh = new PageMesh(server, file.name, bytes);
   $('error').textContent = '';
   $('about').textContent = `${file.name}, ${bytesText(file.size)}`;
   estimate();
@@ -116,14 +96,19 @@ let estimating = null;
 async function estimate() {
   estimating?.abort();
   $('plan').textContent = '';
-  if (!mesh || mesh.length > ESTIMATE_LIMIT_BYTES || running) return;
+  if (!mesh || running) return;
   const own = (estimating = new AbortController());
+  const [file, spec] = [mesh, specOf()];
   try {
-    const {plan, mesh: report} = await withFormat(
-      () => server.one('EstimateVoxelization', {config: configOf(), mesh_bytes: mesh}, own.signal));
+    const answer = await file.use(async (source) => {
+      if (source.bytes && file.size > ESTIMATE_LIMIT_BYTES) return null;
+      return server.one('EstimateVoxelization', {mesh: source, spec}, own.signal);
+    }, own.signal);
     $('error').textContent = '';
+    if (!answer) return;
+    const {plan, report} = answer;
     $('plan').textContent = `${report.triangles} triangles; ${dimsText(plan.grid.dims)} voxels, ` +
-      `${bytesText(plan.result_bytes)} on ${plan.backend}`;
+      `${bytesText(plan.result_bytes)} on ${wordOf(plan.backend)}`;
   } catch (error) {
     if (own === estimating) say(error);
   }
@@ -131,9 +116,9 @@ async function estimate() {
 
 function showSummary(summary) {
   const {stats} = summary;
-  const where = `${stats.worker || stats.backend}${summary.cached ? ', from the cache' : ''}`;
+  const where = `${stats.worker || wordOf(stats.backend)}${summary.cached ? ', from the cache' : ''}`;
   $('summary').textContent = `${stats.occupied} occupied voxels of ${stats.triangles} triangles in ` +
-    `${stats.voxelize_ms.toFixed(1)} ms on ${where}.`;
+    `${msOf(stats.voxelize_time).toFixed(1)} ms on ${where}.`;
   $('warnings').replaceChildren(...summary.warnings.map(({place, text}) => {
     const item = document.createElement('li');
     item.textContent = place ? `${place}: ${text}` : text;
@@ -142,22 +127,25 @@ function showSummary(summary) {
   if (summary.warnings_left_out > 0) $('warnings').append(`and ${summary.warnings_left_out} more`);
 }
 
-function see({accepted, progress, summary, whole}) {
-  if (accepted) $('stage').textContent = `accepted: ${dimsText(accepted.grid.dims)} voxels`;
-  if (progress) {
-    $('progress').value = progress.fraction ?? 0;
-    $('stage').textContent = progress.stage;
+// Out: the summary of the result, and a page with its voxels, if this server makes one.
+async function voxelize(request, signal) {
+  if (SHOWS_VOXELS) return server.file('html', request, signal);
+  let summary;
+  for await (const answer of server.call('Voxelize', request, signal)) {
+    if (answer.progress) {
+      $('progress').value = answer.progress.fraction;
+      $('stage').textContent = answer.progress.stage;
+    }
+    summary = answer.summary ?? summary;
   }
-  if (summary ?? whole) showSummary(summary ?? whole.summary);
+  return {summary};
 }
 
-async function showVoxels(request, signal) {
-  if (!FACTS.formats.some(({name}) => name === 'html')) {
+async function showVoxels(blob) {
+  if (!blob) {
     $('voxels').textContent = 'This server was built without the viewer. The files can be downloaded.';
     return;
   }
-  $('stage').textContent = 'viewer';
-  const {blob} = await server.file('html', request, signal);
   const {mountViewer, payloadOf} = await import('./viewer.js');
   const payload = await payloadOf(await blob.text());
   viewer?.dispose();
@@ -169,33 +157,48 @@ async function showVoxels(request, signal) {
   }
 }
 
+// After a run without a result: what is too large for a picture may fit into a file.
+function offerFiles(asked) {
+  shown = asked;
+  viewer?.dispose();
+  viewer = null;
+  $('voxels').textContent = 'There is no picture of these voxels, but there may be files of them.';
+  $('summary').textContent = '';
+  $('warnings').replaceChildren();
+  $('result').hidden = false;
+}
+
 async function run(event) {
   event.preventDefault();
   if (!mesh || running) return;
   estimating?.abort();
-  let request = null;
+  const asked = {mesh, spec: specOf()};
   running = new AbortController();
+  const {signal} = running;
   $('run').disabled = true;
   $('cancel').disabled = false;
   $('progress').hidden = false;
-  $('progress').value = 0;
+  $('progress').removeAttribute('value');
   $('error').textContent = '';
   $('form').dataset.state = 'running';
+  $('stage').textContent = 'sending the mesh';
   let state = 'failed';
   try {
-    await withFormat(async () => {
-      request = {config: configOf(), mesh};
-      for await (const answer of server.call('VoxelizeMesh', request, running.signal)) see(answer);
-    });
-    shown = request;
+    const {summary, blob} = await asked.mesh.use((source) => {
+      $('stage').textContent = 'voxelizing';
+      return voxelize({mesh: source, spec: asked.spec}, signal);
+    }, signal);
+    shown = asked;
+    showSummary(summary);
     $('result').hidden = false;
-    await showVoxels(request, running.signal);
+    await showVoxels(blob);
     $('stage').textContent = 'done';
     state = 'done';
   } catch (error) {
-    $('stage').textContent = running.signal.aborted ? 'cancelled' : '';
+    $('stage').textContent = signal.aborted ? 'cancelled' : '';
     say(error);
-    if (running.signal.aborted) state = 'cancelled';
+    if (signal.aborted) state = 'cancelled';
+    if (error.exhausted) offerFiles(asked);
   }
   running = null;
   $('run').disabled = false;
@@ -205,14 +208,15 @@ async function run(event) {
 }
 
 async function download() {
-  const name = $('as').value;
+  const format = $('as').value;
+  const {mesh: own, spec} = shown;
   $('download').disabled = true;
   $('error').textContent = '';
   try {
-    const file = await server.file(name, shown);
+    const file = await own.use((source) => server.file(format, {mesh: source, spec}));
     const link = document.createElement('a');
     link.href = URL.createObjectURL(file.blob);
-    link.download = file.name.replace(/^result/, meshName);
+    link.download = file.name.replace(/^result/, own.name);
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
   } catch (error) {

@@ -66,7 +66,7 @@ int Main(int argc, char** argv) {
   if (!stored.ok()) return std::fputs("service_client: the mesh was refused\n", stderr), 1;
 
   const auto voxelize = [&](Client& client) {
-    const absl::StatusOr<RemoteResult> remote = client.VoxelizeStored(stored->mesh_id, Dense(), JobContext());
+    const absl::StatusOr<RemoteResult> remote = client.VoxelizeStored(stored->name, Dense(), JobContext());
     return remote.ok() ? double(remote->sent_bytes) : 0;
   };
   std::printf("{");
@@ -78,7 +78,7 @@ int Main(int argc, char** argv) {
   Measured way;
   const auto end = Clock::now() + std::chrono::duration<double>(seconds);
   do {
-    if (!(*plain)->DeleteMesh(stored->mesh_id).ok()) break;
+    if (!(*plain)->ReleaseMesh(stored->name).ok()) break;
     std::vector<std::pair<Clock::time_point, double>> told;
     JobContext job([&](std::string_view, double fraction) { told.emplace_back(Clock::now(), fraction); });
     if (!(*plain)->UploadMesh(*mesh, MeshFormat::kAuto, job).ok() || told.size() < 3) break;

@@ -1,7 +1,7 @@
 // unary_ways [SECONDS [ROUNDS]]: what a bare unary call (0.3 KB up, 4.7 KB down, 16 in flight, one client that polls)
 // costs by the way the server serves it. One line a way, CPU of both processes, the least of the rounds.
 //
-// By this VoxelizeMesh is a raw callback method that its worker finishes: a completion queue of one's own saves some 5
+// By this Voxelize is a raw callback method that its worker finishes: a completion queue of one's own saves some 5
 // us of 33 as long as the server has no callback method besides, and nothing as soon as it has one, since then gRPC's
 // threads poll the same sockets. A server stream of one message costs about a tenth more than a unary call.
 #include <signal.h>

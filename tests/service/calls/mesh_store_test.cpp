@@ -8,9 +8,6 @@
 #include <thread>
 #include <vector>
 
-#include <grpcpp/create_channel.h>
-#include <grpcpp/security/credentials.h>
-
 #include "absl/strings/escaping.h"
 #include "base/checksum/crc32c.h"
 #include "gtest/gtest.h"
@@ -18,6 +15,7 @@
 #include "mesh/flatten.h"
 #include "service/support/background_call.h"
 #include "service/support/effort.h"
+#include "service/support/messages.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
@@ -27,10 +25,16 @@
 namespace voxelpipe::testing {
 namespace {
 
-std::string Sha256Hex(const std::vector<uint8_t>& bytes) {
+// By OpenSSL, which knows nothing of our own hash.
+std::string NameOf(const std::vector<uint8_t>& bytes) {
   unsigned char digest[SHA256_DIGEST_LENGTH];
   SHA256(bytes.data(), bytes.size(), digest);
-  return absl::BytesToHexString({reinterpret_cast<const char*>(digest), sizeof digest});
+  return "meshes/" + absl::BytesToHexString({reinterpret_cast<const char*>(digest), sizeof digest});
+}
+
+// The name of no mesh that is there.
+std::string Missing(char digit) {
+  return "meshes/" + std::string(64, digit);
 }
 
 class MeshStoreTest : public ::testing::Test {
@@ -41,8 +45,7 @@ class MeshStoreTest : public ::testing::Test {
     ASSERT_NE(server_, nullptr);
     client_ = ConnectTo(*server_);
     ASSERT_NE(client_, nullptr);
-    stub_ =
-        v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+    stub_ = StubOf(*server_);
   }
 
   StoredMesh Upload(const std::vector<uint8_t>& bytes) {
@@ -53,11 +56,10 @@ class MeshStoreTest : public ::testing::Test {
   }
 
   // What the server says to an upload of these messages.
-  absl::Status UploadRaw(const std::vector<v1::UploadMeshRequest>& messages,
-                         v1::UploadMeshResponse* response = nullptr) {
+  absl::Status UploadRaw(const std::vector<v1::UploadMeshRequest>& messages, v1::Mesh* response = nullptr) {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    v1::UploadMeshResponse answer;
+    v1::Mesh answer;
     const auto stream = stub_->UploadMesh(&context, response == nullptr ? &answer : response);
     for (const v1::UploadMeshRequest& message : messages) {
       if (!stream->Write(message)) break;
@@ -72,10 +74,10 @@ class MeshStoreTest : public ::testing::Test {
     EXPECT_TRUE(result.ok()) << result.status();
     return result.ok() ? result->content_sha256 : "";
   }
-  std::string HashOfStored(const std::string& id, const VoxelizeRequest& request,
+  std::string HashOfStored(const std::string& name, const VoxelizeRequest& request,
                            std::span<const float> positions = {}) {
     const JobContext job;
-    const auto result = client_->VoxelizeStored(id, request, job, positions);
+    const auto result = client_->VoxelizeStored(name, request, job, positions);
     EXPECT_TRUE(result.ok()) << result.status();
     return result.ok() ? result->content_sha256 : "";
   }
@@ -87,9 +89,9 @@ class MeshStoreTest : public ::testing::Test {
   std::unique_ptr<v1::VoxelizationService::Stub> stub_;
 };
 
-v1::UploadMeshRequest Begin(const std::string& mesh_id = "") {
+v1::UploadMeshRequest Begin(const std::string& expected_id = "") {
   v1::UploadMeshRequest message;
-  message.mutable_upload()->set_mesh_id(mesh_id);
+  message.mutable_upload()->set_expected_id(expected_id);
   return message;
 }
 
@@ -117,7 +119,7 @@ std::vector<VoxelizeRequest> Requests() {
 TEST_F(MeshStoreTest, AMeshIsKeptUnderTheHashOfItsBytes) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const StoredMesh first = Upload(glb_);
-  EXPECT_EQ(first.mesh_id, Sha256Hex(glb_));
+  EXPECT_EQ(first.name, NameOf(glb_));
   EXPECT_EQ(first.format, MeshFormat::kGlb);
   EXPECT_EQ(first.file_bytes, glb_.size());
   EXPECT_GT(first.memory_bytes, 0u);
@@ -127,10 +129,10 @@ TEST_F(MeshStoreTest, AMeshIsKeptUnderTheHashOfItsBytes) {
 
   const StoredMesh again = Upload(glb_);
   EXPECT_TRUE(again.already_stored);
-  EXPECT_EQ(again.mesh_id, first.mesh_id);
+  EXPECT_EQ(again.name, first.name);
 
-  HashOfStored(first.mesh_id, SmallRequest());
-  const absl::StatusOr<StoredMesh> known = client_->GetMesh(first.mesh_id);
+  HashOfStored(first.name, SmallRequest());
+  const absl::StatusOr<StoredMesh> known = client_->GetMesh(first.name);
   ASSERT_TRUE(known.ok()) << known.status();
   EXPECT_EQ(known->uses, 1u);
   EXPECT_EQ(known->report.triangles, 288u);
@@ -138,24 +140,24 @@ TEST_F(MeshStoreTest, AMeshIsKeptUnderTheHashOfItsBytes) {
 
 TEST_F(MeshStoreTest, AStoredMeshGivesTheBytesOfItsFile) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  const std::string id = Upload(glb_).mesh_id;
+  const std::string name = Upload(glb_).name;
   for (const VoxelizeRequest& request : Requests()) {
     const std::string file = HashOfFile(glb_, request);
-    EXPECT_EQ(HashOfStored(id, request), file);
-    EXPECT_EQ(HashOfStored(id, request), file) << "the second time too";
+    EXPECT_EQ(HashOfStored(name, request), file);
+    EXPECT_EQ(HashOfStored(name, request), file) << "the second time too";
   }
 }
 
 TEST_F(MeshStoreTest, ManyJobsUseOneMeshAtTheSameTime) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "4"}));
-  const std::string id = Upload(glb_).mesh_id;
+  const std::string name = Upload(glb_).name;
   const std::vector<VoxelizeRequest> requests = Requests();
   std::vector<std::string> expected;
   for (const VoxelizeRequest& request : requests) expected.push_back(HashOfFile(glb_, request));
   std::vector<std::future<std::string>> hashes;
   for (size_t i = 0; i < 24; ++i) {
     VoxelizeRequest request = requests[i % requests.size()];
-    hashes.push_back(std::async(std::launch::async, [=, this] { return HashOfStored(id, request); }));
+    hashes.push_back(std::async(std::launch::async, [=, this] { return HashOfStored(name, request); }));
   }
   for (size_t i = 0; i < hashes.size(); ++i) EXPECT_EQ(hashes[i].get(), expected[i % expected.size()]) << i;
 }
@@ -164,104 +166,114 @@ TEST_F(MeshStoreTest, AnEstimateKnowsStoredMeshes) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const auto of_file = client_->Estimate(glb_, MeshFormat::kAuto, SmallRequest(), job_);
   ASSERT_TRUE(of_file.ok()) << of_file.status();
-  const std::string id = Upload(glb_).mesh_id;
-  const auto of_stored = client_->EstimateStored(id, SmallRequest(), job_);
+  const std::string name = Upload(glb_).name;
+  const auto of_stored = client_->EstimateStored(name, SmallRequest(), job_);
   ASSERT_TRUE(of_stored.ok()) << of_stored.status();
   EXPECT_EQ(of_stored->plan.grid, of_file->plan.grid);
   EXPECT_EQ(of_stored->plan.peak_bytes, of_file->plan.peak_bytes);
   EXPECT_EQ(of_stored->report.vertices, of_file->report.vertices);
-  EXPECT_TRUE(absl::IsNotFound(client_->EstimateStored(std::string(64, '0'), SmallRequest(), job_).status()));
+  EXPECT_TRUE(absl::IsNotFound(client_->EstimateStored(Missing('0'), SmallRequest(), job_).status()));
 }
 
 TEST_F(MeshStoreTest, WhatIsNotKeptIsNamed) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  const std::string id(64, 'a');
-  EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(id).status()));
-  EXPECT_TRUE(absl::IsNotFound(client_->DeleteMesh(id).status()));
-  const absl::Status status = client_->VoxelizeStored(id, SmallRequest(), job_).status();
+  const std::string name = Missing('a');
+  EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(name).status()));
+  EXPECT_TRUE(absl::IsNotFound(client_->ReleaseMesh(name).status()));
+  EXPECT_TRUE(absl::IsNotFound(client_->DeleteMesh(name).status()));
+  EXPECT_EQ(MissingMesh(client_->GetMesh(name).status()), name);
+  EXPECT_EQ(MissingMesh(client_->ReleaseMesh(name).status()), name);
+  EXPECT_EQ(MissingMesh(client_->DeleteMesh(name).status()), name);
+  const absl::Status status = client_->VoxelizeStored(name, SmallRequest(), job_).status();
   EXPECT_TRUE(absl::IsNotFound(status)) << status;
-  EXPECT_EQ(MissingMesh(status), id) << "ResourceInfo came along";
-  for (const std::string& wrong : {std::string(63, 'a'), std::string(64, 'A'), std::string("../etc/passwd")}) {
-    EXPECT_TRUE(absl::IsInvalidArgument(client_->GetMesh(wrong).status())) << wrong;
-    EXPECT_TRUE(absl::IsInvalidArgument(client_->VoxelizeStored(wrong, SmallRequest(), job_).status())) << wrong;
+  EXPECT_EQ(MissingMesh(status), name) << "ResourceInfo came along";
+  for (const std::string& wrong : {std::string(64, 'a'), "meshes/" + std::string(63, 'a'), Missing('A'), name + "-km",
+                                   std::string("meshes/../etc/passwd"), std::string()}) {
+    for (const absl::Status& refused :
+         {client_->GetMesh(wrong).status(), client_->ReleaseMesh(wrong).status(), client_->DeleteMesh(wrong).status(),
+          client_->EstimateStored(wrong, SmallRequest(), job_).status(),
+          client_->VoxelizeStored(wrong, SmallRequest(), job_).status()}) {
+      EXPECT_TRUE(absl::IsInvalidArgument(refused)) << wrong << ": " << refused;
+    }
   }
-  EXPECT_TRUE(absl::IsInvalidArgument(client_->VoxelizeStored("", SmallRequest(), job_).status()));
 }
 
 TEST_F(MeshStoreTest, AMeshThatIsDeletedInUseServesItsJobsToTheEnd) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2"}));
   const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(2000));
-  const std::string id = Upload(slow).mesh_id;
   VoxelizeRequest request = SlowRequest();
   request.grid.resolution = 128;
   const std::string expected = HashOfFile(slow, request);
-  std::promise<void> planned;
-  auto running = std::async(std::launch::async, [&] {
-    return client_->VoxelizeStored(id, request, job_, {}, [&](const Plan&) { planned.set_value(); });
-  });
-  ASSERT_EQ(planned.get_future().wait_for(kPatience), std::future_status::ready);
-  const absl::StatusOr<uint64_t> freed = client_->DeleteMesh(id);
-  ASSERT_TRUE(freed.ok()) << freed.status();
-  EXPECT_GT(*freed, 0u);
-  EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(id).status()));
-  const auto result = running.get();
-  ASSERT_TRUE(result.ok()) << result.status();
-  EXPECT_EQ(result->content_sha256, expected);
+  for (const bool by_release : {true, false}) {
+    const std::string name = Upload(slow).name;
+    std::promise<void> planned;
+    auto running = std::async(std::launch::async, [&] {
+      return client_->VoxelizeStored(name, request, job_, {}, [&](const Plan&) { planned.set_value(); });
+    });
+    ASSERT_EQ(planned.get_future().wait_for(kPatience), std::future_status::ready);
+    const absl::StatusOr<uint64_t> freed = by_release ? client_->ReleaseMesh(name) : client_->DeleteMesh(name);
+    ASSERT_TRUE(freed.ok()) << freed.status();
+    EXPECT_GT(*freed, 0u);
+    EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(name).status()));
+    const auto result = running.get();
+    ASSERT_TRUE(result.ok()) << result.status();
+    EXPECT_EQ(result->content_sha256, expected);
+  }
 }
 
 TEST_F(MeshStoreTest, OtherBytesThanAnnouncedAreRefused) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  const std::string id = Sha256Hex(glb_);
+  const std::string name = NameOf(glb_);
   std::vector<uint8_t> other = glb_;
   other.back() ^= 1;
-  EXPECT_TRUE(absl::IsDataLoss(UploadRaw({Begin(id), Piece(other)})));
+  EXPECT_TRUE(absl::IsDataLoss(UploadRaw({Begin(name), Piece(other)})));
   v1::UploadMeshRequest piece = Piece(glb_);
   piece.set_crc32c(Crc32c(glb_) ^ 1);
   EXPECT_TRUE(absl::IsDataLoss(UploadRaw({Begin(), piece})));
-  EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(id).status())) << "nothing of it was kept";
+  EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(name).status())) << "nothing of it was kept";
   piece.set_crc32c(Crc32c(glb_));
-  v1::UploadMeshResponse response;
-  const absl::Status status = UploadRaw({Begin(id), piece}, &response);
+  v1::Mesh response;
+  const absl::Status status = UploadRaw({Begin(name), piece}, &response);
   EXPECT_TRUE(status.ok()) << status;
-  EXPECT_EQ(response.mesh().mesh_id(), id);
+  EXPECT_EQ(response.name(), name);
 }
 
 TEST_F(MeshStoreTest, AnUploadOfAKnownMeshIsAnsweredBeforeItsBytes) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  const std::string id = Upload(glb_).mesh_id;
+  const std::string name = Upload(glb_).name;
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + kPatience);
-  v1::UploadMeshResponse response;
+  v1::Mesh response;
   const auto stream = stub_->UploadMesh(&context, &response);
-  ASSERT_TRUE(stream->Write(Begin(id)));
+  ASSERT_TRUE(stream->Write(Begin(name)));
   const absl::Status status = FromGrpcStatus(stream->Finish());  // the stream is still open on our side
   EXPECT_TRUE(status.ok()) << status;
   EXPECT_TRUE(response.already_stored());
-  EXPECT_EQ(response.mesh().mesh_id(), id);
+  EXPECT_EQ(response.name(), name);
 }
 
 // The same file in another unit is another mesh.
-TEST_F(MeshStoreTest, AUnitIsPartOfTheId) {
+TEST_F(MeshStoreTest, AUnitIsPartOfTheName) {
   ASSERT_NO_FATAL_FAILURE(Start());
   constexpr std::string_view kText =
       "v 0 0 0\nv 1000 0 0\nv 0 1000 0\nv 0 0 1000\nf 1 2 3\nf 1 2 4\nf 2 3 4\nf 1 3 4\n";
   const std::vector<uint8_t> file(kText.begin(), kText.end());
   const absl::StatusOr<StoredMesh> plain = client_->UploadMesh(file, {}, JobContext());
   ASSERT_TRUE(plain.ok()) << plain.status();
-  EXPECT_EQ(plain->mesh_id, Sha256Hex(file));
+  EXPECT_EQ(plain->name, NameOf(file));
   EXPECT_EQ(plain->report.max.x, 1000);
   const absl::StatusOr<StoredMesh> scaled =
       client_->UploadMesh(file, {MeshFormat::kObj, LengthUnit::kMillimetre}, JobContext());
   ASSERT_TRUE(scaled.ok()) << scaled.status();
-  EXPECT_NE(scaled->mesh_id, plain->mesh_id);
+  EXPECT_NE(scaled->name, plain->name);
   EXPECT_FALSE(scaled->already_stored);
   EXPECT_EQ(scaled->unit, LengthUnit::kMillimetre);
   EXPECT_EQ(scaled->report.max.x, 1);
-  const absl::StatusOr<StoredMesh> again = client_->GetMesh(scaled->mesh_id);
+  const absl::StatusOr<StoredMesh> again = client_->GetMesh(scaled->name);
   ASSERT_TRUE(again.ok()) << again.status();
   EXPECT_EQ(again->report.max.x, 1);
   VoxelizeRequest request = SmallRequest();
-  const absl::StatusOr<RemoteResult> stored = client_->VoxelizeStored(scaled->mesh_id, request, JobContext());
+  const absl::StatusOr<RemoteResult> stored = client_->VoxelizeStored(scaled->name, request, JobContext());
   const absl::StatusOr<RemoteResult> sent =
       client_->Voxelize(file, {MeshFormat::kObj, LengthUnit::kMillimetre}, request, JobContext());
   ASSERT_TRUE(stored.ok()) << stored.status();
@@ -277,11 +289,11 @@ TEST_F(MeshStoreTest, UploadsThatAreNotOneAreRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({})));
   EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Piece(glb_)})));
   EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Begin(), Begin()})));
-  EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Begin("not an id")})));
+  EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Begin("no name")})));
   EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Begin(), Piece({1, 2, 3, 4, 5})}))) << "no mesh";
   EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({Begin()}))) << "no bytes";
   v1::UploadMeshRequest wrong = Begin();
-  wrong.mutable_upload()->set_mesh_format(v1::MESH_FORMAT_DRACO);
+  wrong.mutable_upload()->set_format(v1::MESH_FORMAT_DRACO);
   EXPECT_TRUE(absl::IsInvalidArgument(UploadRaw({wrong, Piece(glb_)})));
 }
 
@@ -292,10 +304,10 @@ TEST_F(MeshStoreTest, TheLongestUnusedMeshGoesWhenThereIsNoRoom) {
   // Three meshes of one size.
   std::vector<std::vector<uint8_t>> files(3, glb_);
   for (size_t i = 0; i < files.size(); ++i) files[i].back() = uint8_t('a' + i);  // of the PNG's last bytes
-  const std::string a = Upload(files[0]).mesh_id, b = Upload(files[1]).mesh_id;
+  const std::string a = Upload(files[0]).name, b = Upload(files[1]).name;
   ASSERT_NE(a, b);
   HashOfStored(a, SmallRequest());
-  const std::string c = Upload(files[2]).mesh_id;
+  const std::string c = Upload(files[2]).name;
   EXPECT_TRUE(client_->GetMesh(a).ok());
   EXPECT_TRUE(absl::IsNotFound(client_->GetMesh(b).status()));
   EXPECT_TRUE(client_->GetMesh(c).ok());
@@ -309,7 +321,7 @@ TEST_F(MeshStoreTest, TheLongestUnusedMeshGoesWhenThereIsNoRoom) {
 // A body that moves: the positions go to the server, everything else stays there.
 TEST_F(MeshStoreTest, NewPositionsEqualAMeshThatWasMoved) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  const std::string id = Upload(glb_).mesh_id;
+  const std::string name = Upload(glb_).name;
   const absl::StatusOr<Scene> scene = LoadScene(glb_);
   ASSERT_TRUE(scene.ok());
   const absl::StatusOr<TriangleMesh> mesh = Flatten(*scene);
@@ -333,7 +345,7 @@ TEST_F(MeshStoreTest, NewPositionsEqualAMeshThatWasMoved) {
       request.targets[0].shader = {"normal", {}};
       const auto expected = Voxelize(moved, request, {job_});
       ASSERT_TRUE(expected.ok()) << expected.status();
-      const auto result = client_->VoxelizeStored(id, request, job_, positions);
+      const auto result = client_->VoxelizeStored(name, request, job_, positions);
       ASSERT_TRUE(result.ok()) << result.status();
       const auto want = ArraysOf(*expected), got = ArraysOf(result->result);
       ASSERT_EQ(want.size(), got.size());
@@ -346,13 +358,45 @@ TEST_F(MeshStoreTest, NewPositionsEqualAMeshThatWasMoved) {
   }
 }
 
+// However they come: beside the name, in pieces, or both.
+TEST_F(MeshStoreTest, NewPositionsComeInOneMessageOrInPieces) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const StoredMesh mesh = Upload(glb_);
+  std::vector<float> positions;
+  for (uint64_t i = 0; i < mesh.report.vertices; ++i) {
+    positions.insert(positions.end(), {float(i % 7), float(i % 5), float(i % 3)});
+  }
+  const std::string expected = HashOfStored(mesh.name, SmallRequest(), positions);
+  EXPECT_NE(expected, HashOfStored(mesh.name, SmallRequest()));
+  const std::string_view bytes(reinterpret_cast<const char*>(positions.data()), positions.size() * sizeof(float));
+  v1::VoxelizeRequest request = StoredRequestOf(SmallRequest(), mesh.name);
+  v1::MeshPositions& moved = *request.mutable_mesh()->mutable_stored()->mutable_positions();
+  const auto in_pieces = [&](size_t first) {
+    moved.set_data(std::string(bytes.substr(0, first)));
+    std::vector<v1::VoxelizeUploadRequest> messages{UploadOf(request)};
+    for (size_t at = first; at < bytes.size(); at += 1001) messages.push_back(PieceOf(bytes.substr(at, 1001)));
+    return CallUpload(*stub_, messages);
+  };
+  for (const size_t first : {size_t{0}, size_t{12}, bytes.size() / 2 + 1, bytes.size()}) {
+    const Received received = in_pieces(first);
+    ASSERT_TRUE(received.status.ok()) << received.status.error_message();
+    EXPECT_EQ(received.summary.content_sha256(), expected) << first;
+  }
+  moved.set_data(std::string(bytes));
+  moved.set_crc32c(Crc32c({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}));
+  EXPECT_EQ(Call(*stub_, request).summary.content_sha256(), expected);
+  moved.set_crc32c(moved.crc32c() ^ 1);
+  EXPECT_EQ(Call(*stub_, request).status.error_code(), grpc::StatusCode::DATA_LOSS);
+}
+
 TEST_F(MeshStoreTest, NewPositionsThatDoNotFitAreRefused) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const StoredMesh mesh = Upload(glb_);
   std::vector<float> positions(mesh.report.vertices * 3, 0.5f);
   const auto refusal = [&](std::span<const float> given) {
-    const absl::Status status = client_->VoxelizeStored(mesh.mesh_id, SmallRequest(), job_, given).status();
+    const absl::Status status = client_->VoxelizeStored(mesh.name, SmallRequest(), job_, given).status();
     EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
+    EXPECT_TRUE(std::string(status.message()).starts_with("mesh.stored.positions: ")) << status;
     return std::string(status.message());
   };
   const std::span<const float> all(positions);
@@ -365,21 +409,13 @@ TEST_F(MeshStoreTest, NewPositionsThatDoNotFitAreRefused) {
   EXPECT_NE(refusal(positions).find("vertex 7 "), std::string::npos);
 }
 
-TEST_F(MeshStoreTest, MeshBytesAfterAMeshIdAreRefused) {
+TEST_F(MeshStoreTest, MeshBytesAfterTheNameOfAMeshAreRefused) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  const std::string id = Upload(glb_).mesh_id;
-  grpc::ClientContext context;
-  context.set_deadline(std::chrono::system_clock::now() + kPatience);
-  const auto stream = stub_->Voxelize(&context);
-  v1::VoxelizeRequest message;
-  message.mutable_config()->set_mesh_id(id);
-  ASSERT_TRUE(stream->Write(message));
-  message.set_mesh_piece("glTF");
-  stream->Write(message);
-  stream->WritesDone();
-  v1::VoxelizeResponse response;
-  while (stream->Read(&response)) {}
-  EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  const v1::VoxelizeRequest request = StoredRequestOf(SmallRequest(), Upload(glb_).name);
+  const grpc::Status status = CallUpload(*stub_, {UploadOf(request), PieceOf("glTF")}).status;
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(status.error_message(), "mesh.stored: no mesh bytes may follow, unless it has positions");
+  EXPECT_TRUE(CallUpload(*stub_, request).status.ok()) << "none are needed";
 }
 
 TEST_F(MeshStoreTest, EqualUploadsAtTheSameTimeBecomeOneMesh) {
@@ -387,19 +423,19 @@ TEST_F(MeshStoreTest, EqualUploadsAtTheSameTimeBecomeOneMesh) {
   std::vector<std::future<StoredMesh>> uploads;
   const std::vector<uint8_t> large = TorusGlb(150);
   for (int i = 0; i < 8; ++i) uploads.push_back(std::async(std::launch::async, [&] { return Upload(large); }));
-  for (auto& upload : uploads) EXPECT_EQ(upload.get().mesh_id, Sha256Hex(large));
+  for (auto& upload : uploads) EXPECT_EQ(upload.get().name, NameOf(large));
 }
 
 // Sixteen clients want the same of a mesh that takes a while: one run, sixteen equal answers.
 TEST_F(MeshStoreTest, EqualRequestsAtTheSameTimeAreComputedOnce) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2"}));
   const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(3000));
-  const std::string id = Upload(slow).mesh_id;
+  const std::string name = Upload(slow).name;
   VoxelizeRequest request = SlowRequest();
   request.grid.resolution = 128;
   std::vector<std::future<absl::StatusOr<RemoteResult>>> calls;
   for (int i = 0; i < 16; ++i) {
-    calls.push_back(std::async(std::launch::async, [&] { return client_->VoxelizeStored(id, request, job_); }));
+    calls.push_back(std::async(std::launch::async, [&] { return client_->VoxelizeStored(name, request, job_); }));
   }
   int computed = 0;
   std::string hash;
@@ -416,17 +452,17 @@ TEST_F(MeshStoreTest, EqualRequestsAtTheSameTimeAreComputedOnce) {
 
 TEST_F(MeshStoreTest, WhoCancelsDoesNotDisturbWhoWantsTheSame) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
-  const std::string id = Upload(LargeTrianglesGlb(LessIfSlow(3000))).mesh_id;
+  const std::string name = Upload(LargeTrianglesGlb(LessIfSlow(3000))).name;
   VoxelizeRequest request = SlowRequest();
   request.grid.resolution = 128;
   JobContext first_job;
   std::promise<void> planned;
   auto first = std::async(std::launch::async, [&] {
-    return client_->VoxelizeStored(id, request, first_job, {}, [&](const Plan&) { planned.set_value(); }).status();
+    return client_->VoxelizeStored(name, request, first_job, {}, [&](const Plan&) { planned.set_value(); }).status();
   });
   ASSERT_EQ(planned.get_future().wait_for(kPatience), std::future_status::ready);
-  auto second = std::async(std::launch::async, [&] { return client_->VoxelizeStored(id, request, job_); });
-  while (client_->GetMesh(id).value_or(StoredMesh{}).uses < 2) std::this_thread::yield();  // it has asked
+  auto second = std::async(std::launch::async, [&] { return client_->VoxelizeStored(name, request, job_); });
+  while (client_->GetMesh(name).value_or(StoredMesh{}).uses < 2) std::this_thread::yield();  // it has asked
   first_job.Cancel();
   EXPECT_TRUE(absl::IsCancelled(first.get()));
   const auto result = second.get();
@@ -437,19 +473,20 @@ TEST_F(MeshStoreTest, WhoCancelsDoesNotDisturbWhoWantsTheSame) {
   std::promise<void> began;
   request.grid.resolution = 512;
   auto slow = std::async(std::launch::async, [&] {
-    return client_->VoxelizeStored(id, request, slow_job, {}, [&](const Plan&) { began.set_value(); }).status();
+    return client_->VoxelizeStored(name, request, slow_job, {}, [&](const Plan&) { began.set_value(); }).status();
   });
   ASSERT_EQ(began.get_future().wait_for(kPatience), std::future_status::ready);
   slow_job.Cancel();
   EXPECT_TRUE(absl::IsCancelled(slow.get()));
-  HashOfStored(id, SmallRequest());
+  HashOfStored(name, SmallRequest());
 }
 
 TEST_F(MeshStoreTest, AKeptResultIsTheSameBytes) {
   ASSERT_NO_FATAL_FAILURE(Start({"--result-cache-bytes", "16MiB"}));
-  const std::string id = Upload(glb_).mesh_id;
+  const std::string name = Upload(glb_).name;
   for (const VoxelizeRequest& request : Requests()) {
-    const auto first = client_->VoxelizeStored(id, request, job_), again = client_->VoxelizeStored(id, request, job_);
+    const auto first = client_->VoxelizeStored(name, request, job_),
+               again = client_->VoxelizeStored(name, request, job_);
     ASSERT_TRUE(first.ok()) << first.status();
     ASSERT_TRUE(again.ok()) << again.status();
     EXPECT_FALSE(first->cached);
@@ -463,13 +500,13 @@ TEST_F(MeshStoreTest, AKeptResultIsTheSameBytes) {
 // Results of several slabs leave while they are made, each for its own client.
 TEST_F(MeshStoreTest, LargeResultsAreStreamedToEachWhoAsks) {
   ASSERT_NO_FATAL_FAILURE(Start({"--stream-above-mb", "0", "--workers", "2"}));
-  const std::string id = Upload(glb_).mesh_id;
+  const std::string name = Upload(glb_).name;
   VoxelizeRequest request = SmallRequest();
   request.grid.resolution = 96;
   const std::string expected = HashOfFile(glb_, request);
   std::vector<std::future<std::string>> hashes;
   for (int i = 0; i < 4; ++i) {
-    hashes.push_back(std::async(std::launch::async, [&] { return HashOfStored(id, request); }));
+    hashes.push_back(std::async(std::launch::async, [&] { return HashOfStored(name, request); }));
   }
   for (auto& hash : hashes) EXPECT_EQ(hash.get(), expected);
 }

@@ -4,12 +4,10 @@
 #include <string>
 #include <vector>
 
-#include <grpcpp/create_channel.h>
-#include <grpcpp/security/credentials.h>
-
 #include "gtest/gtest.h"
 #include "service/support/background_call.h"
 #include "service/support/http_get.h"
+#include "service/support/messages.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
@@ -36,25 +34,16 @@ class QueueTest : public ::testing::Test {
     return std::make_unique<BackgroundCall>(*client_, LargeTrianglesGlb(20000), SlowRequest());
   }
 
-  // One call whose config says `settings`; without its mesh the client never ends its half.
+  // One VoxelizeUpload call with these settings; without its mesh the client never ends its half.
   absl::Status Call(const CallSettings& settings, bool with_mesh = true) {
-    const auto stub =
-        v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+    const auto stub = StubOf(*server_);
+    const v1::VoxelizeRequest request = RequestOf(SmallRequest(), TorusGlb(8), MeshFormat::kGlb, settings);
+    if (with_mesh) return FromGrpcStatus(CallUpload(*stub, request).status);
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    const auto stream = stub->Voxelize(&context);
-    v1::VoxelizeRequest config, piece;
-    *config.mutable_config() = MakeConfig(SmallRequest(), MeshFormat::kGlb, settings);
-    stream->Write(config);
-    if (with_mesh) {
-      const std::vector<uint8_t> mesh = TorusGlb(8);
-      piece.set_mesh_piece(mesh.data(), mesh.size());
-      stream->Write(piece);
-      stream->WritesDone();
-    }
-    v1::VoxelizeResponse response;
-    while (stream->Read(&response)) {}
-    return FromGrpcStatus(stream->Finish());
+    const auto stream = stub->VoxelizeUpload(&context);
+    stream->Write(UploadOf(RequestOf(SmallRequest(), {}, MeshFormat::kGlb, settings)));
+    return FromGrpcStatus(Collect(*stream).status);
   }
 
   std::unique_ptr<ServerProcess> server_;
@@ -94,14 +83,13 @@ TEST_F(QueueTest, AFullQueueRefusesBeforeAnythingIsRead) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--max-queue", "0", "--http-listen", "127.0.0.1:0"}));
   const auto running = Slow();
   ASSERT_TRUE(running->WaitUntilPlanned());
-  const auto stub =
-      v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+  const auto stub = StubOf(*server_);
   for (int i = 0; i < 20; ++i) {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
     // Nothing is sent, or a request that no server would look at any further.
     const absl::Status status =
-        FromGrpcStatus(i % 2 == 0 ? stub->Voxelize(&context)->Finish() : stub->VoxelizeMesh(&context, {})->Finish());
+        FromGrpcStatus(i % 2 == 0 ? stub->VoxelizeUpload(&context)->Finish() : stub->Voxelize(&context, {})->Finish());
     EXPECT_EQ(status.code(), absl::StatusCode::kResourceExhausted) << status;
     EXPECT_TRUE(RetryDelay(status).has_value()) << status;
     EXPECT_NE(std::string(status.message()).find("the queue is full: 1 jobs run and 0 wait"), std::string::npos);
@@ -117,14 +105,15 @@ TEST_F(QueueTest, AFullQueueRefusesBeforeAnythingIsRead) {
 // An estimate loads and measures its mesh: what that takes is known before it begins.
 TEST_F(QueueTest, AnEstimateIsWeighedAsTheWorkThatItCauses) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
-  const auto stub =
-      v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+  const auto stub = StubOf(*server_);
   VoxelizeRequest request = SmallRequest();
   request.result = ResultKind::kSparse;
   request.fill = Fill::kFlood;
   v1::EstimateVoxelizationRequest estimate;
-  *estimate.mutable_config() = MakeConfig(request, MeshFormat::kDraco, {});
-  estimate.set_mesh_bytes(std::string(60 << 20, 'x'));  // some 20 million triangles, were they any
+  *estimate.mutable_spec() = MakeSpec(request);
+  v1::MeshBytes& mesh = *estimate.mutable_mesh()->mutable_bytes();
+  mesh.set_format(v1::MESH_FORMAT_DRACO);
+  mesh.set_data(std::string(60 << 20, 'x'));  // some 20 million triangles, were they any
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + std::chrono::seconds(5));
   v1::EstimateVoxelizationResponse response;

@@ -5,18 +5,15 @@
 #include <thread>
 #include <vector>
 
-#include <grpcpp/create_channel.h>
-#include <grpcpp/security/credentials.h>
-
 #include "gtest/gtest.h"
 #include "load/loader.h"
 #include "mesh/flatten.h"
 #include "pipeline/voxelize.h"
 #include "service/support/background_call.h"
+#include "service/support/messages.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
-#include "wire/request.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -165,19 +162,16 @@ TEST_F(StreamTest, ASlowReaderGetsEverything) {
 // Asks for a large result and reads no more than its plan.
 class NonReader {
  public:
-  NonReader(const std::string& address, const std::vector<uint8_t>& glb, std::chrono::milliseconds deadline)
-      : stub_(v1::VoxelizationService::NewStub(grpc::CreateChannel(address, grpc::InsecureChannelCredentials()))) {
+  NonReader(const ServerProcess& server, const std::vector<uint8_t>& glb, std::chrono::milliseconds deadline)
+      : stub_(StubOf(server)) {
     context_.set_deadline(std::chrono::system_clock::now() + deadline);
-    stream_ = stub_->Voxelize(&context_);
-    v1::VoxelizeRequest message;
-    *message.mutable_config() = MakeConfig(Large());
-    stream_->Write(message);
-    message.set_mesh_piece(glb.data(), glb.size());
-    stream_->Write(message);
+    stream_ = stub_->VoxelizeUpload(&context_);
+    stream_->Write(UploadOf(RequestOf(Large())));
+    stream_->Write(PieceOf(glb));
     stream_->WritesDone();
     v1::VoxelizeResponse response;
     bool more = true;
-    while (more && !response.has_accepted()) more = stream_->Read(&response);
+    while (more && !response.has_plan()) more = stream_->Read(&response);
     EXPECT_TRUE(more);
   }
   grpc::StatusCode Finish() {
@@ -190,12 +184,12 @@ class NonReader {
  private:
   std::unique_ptr<v1::VoxelizationService::Stub> stub_;
   grpc::ClientContext context_;
-  std::unique_ptr<grpc::ClientReaderWriter<v1::VoxelizeRequest, v1::VoxelizeResponse>> stream_;
+  std::unique_ptr<grpc::ClientReaderWriter<v1::VoxelizeUploadRequest, v1::VoxelizeResponse>> stream_;
 };
 
 TEST_F(StreamTest, AClientThatStopsReadingIsLetGo) {
   ASSERT_NO_FATAL_FAILURE(Start({"--stall-timeout-ms", "300"}));
-  NonReader reader(server_->address(), glb_, kPatience);
+  NonReader reader(*server_, glb_, kPatience);
   ExpectFree();  // while it still does not read
   EXPECT_NE(reader.Finish(), grpc::StatusCode::OK);
 }
@@ -206,7 +200,7 @@ TEST_F(StreamTest, AClientThatStopsReadingAResultInMemoryIsLetGo) {
   ASSERT_NE(server_, nullptr);
   client_ = ConnectTo(*server_);
   ASSERT_NE(client_, nullptr);
-  NonReader reader(server_->address(), glb_, kPatience);
+  NonReader reader(*server_, glb_, kPatience);
   // More than one job needs, less than two results: 64 MiB are held for the one that does not read, so this one waits
   // until they are given back.
   JobContext job;
@@ -219,14 +213,14 @@ TEST_F(StreamTest, AClientThatStopsReadingAResultInMemoryIsLetGo) {
 
 TEST_F(StreamTest, ADeadlineWakesAWaitingWorker) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  NonReader reader(server_->address(), glb_, std::chrono::milliseconds(700));
+  NonReader reader(*server_, glb_, std::chrono::milliseconds(700));
   ExpectFree();
   EXPECT_EQ(reader.Finish(), grpc::StatusCode::DEADLINE_EXCEEDED);
 }
 
 TEST_F(StreamTest, AClientThatIsGoneLeavesNoWaitingWorker) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  NonReader reader(server_->address(), glb_, kPatience);
+  NonReader reader(*server_, glb_, kPatience);
   reader.Cancel();
   ExpectFree();
   EXPECT_EQ(reader.Finish(), grpc::StatusCode::CANCELLED);

@@ -8,7 +8,7 @@
 #include "gtest/gtest.h"
 #include "inspect.h"
 #include "many_stream.h"
-#include "service/support/many_fixture.h"
+#include "service/support/batch_fixture.h"
 #include "support/meshes/glb_builder.h"
 #include "support/warnings.h"
 #include "wire/response.h"
@@ -46,7 +46,7 @@ VoxelizeRequest Colours() {
 
 const std::vector<std::string> kBoth = {"no_scene", "texture_missing"};
 
-class WarningsTest : public ManyTest {
+class WarningsTest : public BatchTest {
  protected:
   const std::vector<uint8_t> faulty_ = FaultyGlb();
   const JobContext job_;
@@ -65,22 +65,14 @@ TEST_F(WarningsTest, OfEachWayToCall) {
   ASSERT_TRUE(streamed.ok()) << streamed.status();
   EXPECT_EQ(Codes(streamed->stats.warnings), kBoth);
 
-  v1::VoxelizeMeshRequest whole;
-  *whole.mutable_config() = MakeConfig(Colours(), MeshFormat::kGlb);
-  whole.set_mesh(faulty_.data(), faulty_.size());
-  grpc::ClientContext context;
-  v1::VoxelizeResponse response;
-  ASSERT_TRUE(stub_->VoxelizeMesh(&context, whole)->Read(&response));
-  EXPECT_EQ(Codes(ReadWarnings(response.whole().summary())), kBoth);
+  const v1::VoxelizeRequest message = RequestOf(Colours(), faulty_);
+  EXPECT_EQ(Codes(ReadWarnings(Call(*stub_, message).summary)), kBoth);
+  EXPECT_EQ(Codes(ReadWarnings(CallUpload(*stub_, message).summary)), kBoth);
 
-  v1::VoxelizeManyRequest item = Item(1, Colours());
-  item.set_mesh(faulty_.data(), faulty_.size());
-  item.clear_crc32c();
-  ASSERT_TRUE(stream_->Write(item));
+  ASSERT_TRUE(Send(JobOf(1, message)));
   stream_->WritesDone();
-  v1::VoxelizeManyResponse answer;
-  ASSERT_TRUE(stream_->Read(&answer));
-  EXPECT_EQ(Codes(ReadWarnings(answer.whole().summary())), kBoth);
+  EXPECT_TRUE(Finish().ok());
+  EXPECT_EQ(Codes(ReadWarnings(answers_[1].summary)), kBoth);
 }
 
 TEST_F(WarningsTest, OfTexturesOnlyWhereTheyAreRead) {
@@ -101,22 +93,22 @@ TEST_F(WarningsTest, OfKeptMeshesWithEachUseAndOfKeptResults) {
   const auto stored = client_->UploadMesh(faulty_, MeshFormat::kAuto, job_);
   ASSERT_TRUE(stored.ok()) << stored.status();
   EXPECT_EQ(Codes(stored->warnings), kBoth);
-  const auto known = client_->GetMesh(stored->mesh_id);
+  const auto known = client_->GetMesh(stored->name);
   ASSERT_TRUE(known.ok()) << known.status();
   EXPECT_EQ(known->warnings, stored->warnings);
   for (int use = 0; use < 3; ++use) {
-    const auto result = client_->VoxelizeStored(stored->mesh_id, Colours(), job_);
+    const auto result = client_->VoxelizeStored(stored->name, Colours(), job_);
     ASSERT_TRUE(result.ok()) << result.status();
     EXPECT_EQ(Codes(result->stats.warnings), kBoth) << "use " << use;
     EXPECT_EQ(result->cached, use > 0);
-    const auto plain = client_->VoxelizeStored(stored->mesh_id, SmallRequest(), job_);
+    const auto plain = client_->VoxelizeStored(stored->name, SmallRequest(), job_);
     ASSERT_TRUE(plain.ok()) << plain.status();
     EXPECT_THAT(Codes(plain->stats.warnings), ElementsAre("no_scene"));
   }
   // A result that was kept for a lenient request is none for a strict one.
   VoxelizeRequest strict = Colours();
   strict.strict = true;
-  EXPECT_EQ(client_->VoxelizeStored(stored->mesh_id, strict, job_).status().code(), absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(client_->VoxelizeStored(stored->name, strict, job_).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 TEST_F(WarningsTest, StrictSaysWhatTheSameRequestSaysInThisProcess) {

@@ -58,7 +58,7 @@ TEST_F(WriteAheadTest, ASingleCallSendsPiecesThatAreReady) {
   for (int i = 0; i < 3; ++i) {
     const absl::StatusOr<RemoteResult> sent = client_->Voxelize(slow_, MeshFormat::kGlb, request_, job_);
     ASSERT_TRUE(sent.ok()) << sent.status();
-    const absl::StatusOr<RemoteResult> stored = client_->VoxelizeStored(mesh->mesh_id, request_, job_);
+    const absl::StatusOr<RemoteResult> stored = client_->VoxelizeStored(mesh->name, request_, job_);
     ASSERT_TRUE(stored.ok()) << stored.status();
     EXPECT_GT(stored->sent_bytes, 2u << 20) << "several pieces";
   }

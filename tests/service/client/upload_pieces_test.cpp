@@ -21,14 +21,14 @@ std::vector<uint8_t> Bytes(size_t count, uint8_t seed) {
   return bytes;
 }
 
-v1::VoxelizeRequest Received(grpc::ByteBuffer buffer) {
-  v1::VoxelizeRequest message;
-  EXPECT_TRUE(grpc::SerializationTraits<v1::VoxelizeRequest>::Deserialize(&buffer, &message).ok());
+v1::VoxelizeUploadRequest Received(grpc::ByteBuffer buffer) {
+  v1::VoxelizeUploadRequest message;
+  EXPECT_TRUE(grpc::SerializationTraits<v1::VoxelizeUploadRequest>::Deserialize(&buffer, &message).ok());
   return message;
 }
 
 UploadPieces OfVoxelize() {
-  return {v1::VoxelizeRequest::kMeshPieceFieldNumber, v1::VoxelizeRequest::kCrc32CFieldNumber};
+  return {v1::VoxelizeUploadRequest::kPieceFieldNumber, v1::VoxelizeUploadRequest::kCrc32CFieldNumber};
 }
 
 // The block of memory that the bytes of a message lie in.
@@ -42,8 +42,8 @@ TEST(UploadPiecesTest, CarryTheBytesAndTheirChecksum) {
   UploadPieces pieces = OfVoxelize();
   for (const size_t count : {size_t{1}, size_t{127}, size_t{128}, size_t{100'000}, kUploadPieceBytes}) {
     const std::vector<uint8_t> bytes = Bytes(count, 5);
-    const v1::VoxelizeRequest message = Received(pieces.Make(bytes));
-    EXPECT_EQ(message.mesh_piece(), std::string(bytes.begin(), bytes.end()));
+    const v1::VoxelizeUploadRequest message = Received(pieces.Make(bytes));
+    EXPECT_EQ(message.piece(), std::string(bytes.begin(), bytes.end()));
     EXPECT_TRUE(message.has_crc32c());
     EXPECT_EQ(message.crc32c(), Crc32c(bytes));
   }
@@ -56,7 +56,7 @@ TEST(UploadPiecesTest, MessagesThatAreNotSentYetKeepTheirBytes) {
   pieces.reset();
   for (uint8_t i = 0; i < 20; ++i) {
     const std::vector<uint8_t> bytes = Bytes(1000, i);
-    EXPECT_EQ(Received(std::move(messages[i])).mesh_piece(), std::string(bytes.begin(), bytes.end()));
+    EXPECT_EQ(Received(std::move(messages[i])).piece(), std::string(bytes.begin(), bytes.end()));
   }
 }
 

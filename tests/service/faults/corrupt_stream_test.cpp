@@ -15,6 +15,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "service/support/effort.h"
+#include "service/support/messages.h"
 #include "service/support/process_facts.h"
 #include "service/support/raw_client.h"
 #include "service/support/raw_messages.h"
@@ -22,7 +23,6 @@
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
-#include "wire/request.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -31,16 +31,12 @@ using ::testing::AnyOf;
 using ::testing::Eq;
 using ::testing::HasSubstr;
 
-std::string Config(const VoxelizeRequest& request = SmallRequest()) {
-  v1::VoxelizeRequest message;
-  *message.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
-  return message.SerializeAsString();
+std::string First(const VoxelizeRequest& request = SmallRequest()) {
+  return UploadOf(RequestOf(request)).SerializeAsString();
 }
 
 std::string Piece(const std::vector<uint8_t>& bytes) {
-  v1::VoxelizeRequest message;
-  message.set_mesh_piece(bytes.data(), bytes.size());
-  return message.SerializeAsString();
+  return PieceOf(bytes).SerializeAsString();
 }
 
 class CorruptStreamTest : public ::testing::Test {
@@ -53,7 +49,7 @@ class CorruptStreamTest : public ::testing::Test {
     ASSERT_NE(client_, nullptr);
     channel_ = grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials());
     ASSERT_NO_FATAL_FAILURE(ExpectServed());
-    ASSERT_TRUE(SendRawMessages(channel_, kVoxelizeMethod, {Config(), Piece(glb_)}).ok());
+    ASSERT_TRUE(SendRawMessages(channel_, kUploadMethod, {First(), Piece(glb_)}).ok());
     before_ = SettledProcessFacts(server_->pid());
   }
   // Whatever was sent: the next call is served, and nothing is left of those before.
@@ -108,7 +104,7 @@ TEST_F(CorruptStreamTest, BytesThatAreNoHttp2) {
 
 TEST_F(CorruptStreamTest, FramesThatBreakTheProtocol) {
   using namespace http2;
-  const std::string request = Request(1, kVoxelizeMethod);
+  const std::string request = Request(1, kUploadMethod);
   for (const std::string& frames :
        {Frame(kData, 0, 0, "data on no stream"), Frame(kContinuation, kEndHeaders, 1, "no headers before it"),
         Frame(kSettings, 0, 0, "seven b"), Frame(kHeaders, kEndHeaders, 1, std::string(64, '\xff')),
@@ -122,62 +118,63 @@ TEST_F(CorruptStreamTest, FramesThatBreakTheProtocol) {
 
 TEST_F(CorruptStreamTest, GrpcLengthsThatLie) {
   using namespace http2;
-  const std::string start = Opening() + Request(1, kVoxelizeMethod);
+  const std::string start = Opening() + Request(1, kUploadMethod);
   for (const std::string& bytes :
        {std::string("\0\xff\xff\xff\xff", 5) + "four gigabytes",
         std::string("\0\x04\x00\x00\x01", 5) + "beyond the limit", std::string("\0\x00\x00\x10\x00", 5) + "cut off",
         std::string("\x01\x00\x00\x00\x04", 5) + "gzip", std::string("\x07\x00\x00\x00\x04", 5) + "flag",
         std::string("\0\x00", 2)}) {
     SendBytes(start + Data(1, bytes, true), std::chrono::milliseconds(200));
-    SendBytes(start + Data(1, Message(Config()), false) + Data(1, bytes, true), std::chrono::milliseconds(200));
+    SendBytes(start + Data(1, Message(First()), false) + Data(1, bytes, true), std::chrono::milliseconds(200));
   }
 }
 
 TEST_F(CorruptStreamTest, OversizedCounts) {
-  const auto refused = [&](const v1::VoxelizeConfig& config) {
-    v1::VoxelizeRequest message;
-    *message.mutable_config() = config;
-    const grpc::Status status = SendRawMessages(channel_, kVoxelizeMethod, {message.SerializeAsString(), Piece(glb_)});
+  const auto refused = [&](const v1::VoxelizeRequest& request) {
+    const grpc::Status status =
+        SendRawMessages(channel_, kUploadMethod, {UploadOf(request).SerializeAsString(), Piece(glb_)});
     EXPECT_THAT(status.error_code(), AnyOf(grpc::StatusCode::INVALID_ARGUMENT, grpc::StatusCode::RESOURCE_EXHAUSTED))
-        << config.ShortDebugString() << ": " << status.error_message();
+        << request.ShortDebugString() << ": " << status.error_message();
     EXPECT_FALSE(status.error_message().empty());
   };
-  const v1::VoxelizeConfig plain = MakeConfig(SmallRequest(), MeshFormat::kGlb);
+  const v1::VoxelizeRequest plain = RequestOf(SmallRequest());
   for (const int64_t count : {int64_t{1} << 21, int64_t{1} << 32, std::numeric_limits<int64_t>::max(), int64_t{-1},
                               std::numeric_limits<int64_t>::min()}) {
-    v1::VoxelizeConfig config = plain;
-    config.mutable_grid()->set_resolution(count);
-    refused(config);
-    config = plain;
-    config.mutable_grid()->set_padding(count);
-    refused(config);
+    v1::VoxelizeRequest request = plain;
+    request.mutable_spec()->mutable_grid()->mutable_resolution()->set_voxels(count);
+    refused(request);
+    request = plain;
+    request.mutable_spec()->mutable_grid()->set_padding(count);
+    refused(request);
+    request = plain;
+    request.mutable_spec()->mutable_grid()->mutable_dims()->set_y(count);
+    refused(request);
   }
-  v1::VoxelizeConfig config = plain;
-  for (int i = 0; i < 100'000; ++i) config.add_targets();
-  refused(config);
-  config = plain;
-  config.add_targets()->mutable_shader()->set_name(std::string(1 << 20, 'n'));
-  refused(config);
-  config = plain;
-  config.mutable_vertex_shader()->set_name("transform");
-  for (int i = 0; i < 10'000; ++i) {
-    config.mutable_vertex_shader()->add_parameters()->set_name("p" + std::to_string(i));
-  }
-  refused(config);
+  v1::VoxelizeRequest request = plain;
+  for (int i = 0; i < 100'000; ++i) request.mutable_spec()->add_targets();
+  refused(request);
+  request = plain;
+  request.mutable_spec()->add_targets()->mutable_shader()->set_name(std::string(1 << 20, 'n'));
+  refused(request);
+  request = plain;
+  v1::ShaderCall& shader = *request.mutable_spec()->mutable_vertex_shader();
+  shader.set_name("transform");
+  for (int i = 0; i < 10'000; ++i) shader.add_parameters()->set_name("p" + std::to_string(i));
+  refused(request);
 
   // And the file's own: "count":81 of an accessor becomes more than there is.
   std::string text(glb_.begin(), glb_.end());
   const size_t at = text.find("\"count\":81");
   ASSERT_NE(at, std::string::npos);
   text.replace(at, 10, "\"count\":9e9");  // one byte more: the JSON chunk no longer fits its length either
-  const grpc::Status status = SendRawMessages(channel_, kVoxelizeMethod, {Config(), Piece({text.begin(), text.end()})});
+  const grpc::Status status = SendRawMessages(channel_, kUploadMethod, {First(), Piece({text.begin(), text.end()})});
   EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
 }
 
 // Calls that begin and say no more, far more than may be open, from a client that does not care how many that are.
 TEST_F(CorruptStreamTest, CallsWithoutEndOnOneConnection) {
   std::string calls;
-  for (uint32_t stream = 1; stream < 10'000; stream += 2) calls += http2::Request(stream, kVoxelizeMethod);
+  for (uint32_t stream = 1; stream < 10'000; stream += 2) calls += http2::Request(stream, kUploadMethod);
   SendBytes(http2::Opening() + calls, std::chrono::seconds(1));
 }
 
@@ -185,11 +182,11 @@ TEST_F(CorruptStreamTest, CallsWithoutEndOnOneConnection) {
 TEST_F(CorruptStreamTest, MessagesThatAreNoProtobuf) {
   const std::string noise(50, '\xff');
   for (const std::vector<std::string>& messages : {std::vector<std::string>{noise},
-                                                   {Config(), noise},
-                                                   {Config(), Piece(glb_), noise},
-                                                   {Config(), Piece(glb_).substr(0, 500)},
-                                                   {Config().substr(0, 3), Piece(glb_)}}) {
-    const grpc::Status status = SendRawMessages(channel_, kVoxelizeMethod, messages);
+                                                   {First(), noise},
+                                                   {First(), Piece(glb_), noise},
+                                                   {First(), Piece(glb_).substr(0, 500)},
+                                                   {First().substr(0, 3), Piece(glb_)}}) {
+    const grpc::Status status = SendRawMessages(channel_, kUploadMethod, messages);
     EXPECT_THAT(status.error_code(), AnyOf(grpc::StatusCode::INVALID_ARGUMENT, grpc::StatusCode::INTERNAL))
         << status.error_message();
   }
@@ -204,9 +201,11 @@ TEST_F(CorruptStreamTest, EveryCallSaysThatAMessageCannotBeRead) {
   file.set_piece(glb_.data(), glb_.size());
   const std::vector<std::string> begun{upload.SerializeAsString(), file.SerializeAsString(), noise};
   const std::vector<std::pair<std::string, std::vector<std::string>>> calls = {
-      {"DeleteMesh", {noise}},    {"EstimateVoxelization", {noise}}, {"GetMesh", {noise}},
-      {"GetServerInfo", {noise}}, {"ListShaders", {noise}},          {"UploadMesh", begun},
-      {"Voxelize", {noise}},      {"VoxelizeMany", {noise}},         {"VoxelizeMesh", {noise}}};
+      {"CreateMesh", {noise}},    {"DeleteMesh", {noise}},  {"EstimateVoxelization", {noise}},
+      {"ExportFile", {noise}},    {"GetMesh", {noise}},     {"GetServerInfo", {noise}},
+      {"ListMeshes", {noise}},    {"ListShaders", {noise}}, {"ReleaseMesh", {noise}},
+      {"UploadMesh", begun},      {"Voxelize", {noise}},    {"VoxelizeBatch", {noise}},
+      {"VoxelizeUpload", {noise}}};
   for (const auto& [method, messages] : calls) {
     const grpc::Status status = SendRawMessages(channel_, service + method, messages);
     EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << method << ": " << status.error_message();
@@ -229,17 +228,26 @@ TEST_F(CorruptStreamTest, EmptyFieldsWithoutNumberTakeNoMemory) {
     }
     return out + bytes;
   };
-  const std::string targets = many(v1::VoxelizeConfig::kTargetsFieldNumber);
-  const std::string config = in_field(1, targets);  // field 1 of VoxelizeRequest and of its kin
+  const std::string targets = many(v1::VoxelizeSpec::kTargetsFieldNumber);
+  const std::string request = in_field(v1::VoxelizeRequest::kSpecFieldNumber, targets);
   const std::string service = "/voxelpipe.v1.VoxelizationService/";
+  // Fields of what is around the bytes of a mesh, which may be large.
+  const std::string mesh =
+      in_field(v1::VoxelizeRequest::kMeshFieldNumber, in_field(v1::MeshSource::kBytesFieldNumber, many(15)));
   const std::vector<std::pair<std::string, std::string>> calls = {
-      {"EstimateVoxelization", config},
-      {"GetMesh", many(15)},  // unknown fields
+      {"CreateMesh", in_field(v1::CreateMeshRequest::kMeshFieldNumber, many(15))},  // unknown fields
+      {"EstimateVoxelization", in_field(v1::EstimateVoxelizationRequest::kSpecFieldNumber, targets)},
+      {"ExportFile", in_field(v1::ExportFileRequest::kRequestFieldNumber, request)},
+      {"GetMesh", many(15)},
+      {"ListMeshes", many(15)},
       {"UploadMesh", many(15)},
-      {"Voxelize", config},
-      {"VoxelizeMany", many(v1::VoxelizeManyRequest::kMoreFieldNumber)},
-      {"VoxelizeMany", in_field(v1::VoxelizeManyRequest::kConfigFieldNumber, targets)},
-      {"VoxelizeMesh", config}};
+      {"Voxelize", request},
+      {"Voxelize", mesh},
+      {"VoxelizeBatch", many(v1::VoxelizeBatchRequest::kJobsFieldNumber)},
+      {"VoxelizeBatch",
+       in_field(v1::VoxelizeBatchRequest::kJobsFieldNumber, in_field(v1::BatchJob::kRequestFieldNumber, request))},
+      {"VoxelizeUpload", in_field(v1::VoxelizeUploadRequest::kRequestFieldNumber, request)},
+      {"VoxelizeUpload", in_field(v1::VoxelizeUploadRequest::kRequestFieldNumber, mesh)}};
   const uint64_t peak = ReadProcessFacts(server_->pid()).peak_bytes;
   for (const auto& [method, message] : calls) {
     const grpc::Status status = SendRawMessages(channel_, service + method, {message});
@@ -260,8 +268,8 @@ TEST_F(CorruptStreamTest, CompressedMessagesAreRefusedUnopened) {
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
     context.set_compression_algorithm(algorithm);
     v1::GetMeshRequest request;
-    request.set_mesh_id(std::string(256 << 20, 'm'));
-    v1::GetMeshResponse response;
+    request.set_name(std::string(256 << 20, 'm'));
+    v1::Mesh response;
     const grpc::Status status = stub->GetMesh(&context, request, &response);
     EXPECT_EQ(status.error_code(), grpc::StatusCode::UNIMPLEMENTED) << status.error_message();
   }
@@ -273,7 +281,7 @@ TEST_F(CorruptStreamTest, AnOpenUploadKeepsNothingBesideItsMesh) {
   if (IsSanitized(server_->pid())) GTEST_SKIP() << "a sanitizer's memory is not the server's";
   struct Upload {
     grpc::ClientContext context;
-    v1::UploadMeshResponse response;
+    v1::Mesh response;
     std::unique_ptr<grpc::ClientWriter<v1::UploadMeshRequest>> writer;
   };
   auto stub = v1::VoxelizationService::NewStub(channel_);
@@ -298,10 +306,9 @@ TEST_F(CorruptStreamTest, AnOpenUploadKeepsNothingBesideItsMesh) {
 }
 
 TEST_F(CorruptStreamTest, APieceThatIsNotWhatItsChecksumSays) {
-  v1::VoxelizeRequest piece;
-  piece.set_mesh_piece(glb_.data(), glb_.size());
+  v1::VoxelizeUploadRequest piece = PieceOf(glb_);
   piece.set_crc32c(12345);
-  const grpc::Status status = SendRawMessages(channel_, kVoxelizeMethod, {Config(), piece.SerializeAsString()});
+  const grpc::Status status = SendRawMessages(channel_, kUploadMethod, {First(), piece.SerializeAsString()});
   EXPECT_EQ(status.error_code(), grpc::StatusCode::DATA_LOSS) << status.error_message();
 }
 
@@ -309,8 +316,7 @@ TEST_F(CorruptStreamTest, APieceThatIsNotWhatItsChecksumSays) {
 TEST_F(CorruptStreamTest, MutatedCalls) {
   std::mt19937 random(20111);
   const std::string preface = http2::Opening();
-  const std::string call = preface + http2::Request(1, kVoxelizeMethod) +
-                           http2::Data(1, http2::Message(Config()), false) +
+  const std::string call = preface + http2::Request(1, kUploadMethod) + http2::Data(1, http2::Message(First()), false) +
                            http2::Data(1, http2::Message(Piece(glb_)), true);
   std::vector<std::unique_ptr<RawClient>> open;
   for (int i = 0; i < Effort(300, 20'000); ++i) {

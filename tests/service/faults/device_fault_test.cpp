@@ -21,6 +21,7 @@
 #include "gmock/gmock.h"
 #include "grpc/health/v1/health.grpc.pb.h"
 #include "gtest/gtest.h"
+#include "service/support/messages.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "support/resources/temporary_directory.h"
@@ -63,45 +64,25 @@ class DeviceFaultTest : public ::testing::Test {
     ASSERT_EQ(std::rename(draft.c_str(), file_.c_str()), 0);
   }
 
-  static v1::VoxelizeConfig Config(v1::Backend backend = v1::BACKEND_CUDA, bool fallback = true) {
-    v1::VoxelizeConfig config;
-    config.mutable_grid()->set_resolution(32);
-    config.set_backend(backend);
-    config.set_fallback(fallback);
-    return config;
+  v1::VoxelizeRequest Request(v1::Backend backend = v1::BACKEND_CUDA, bool fallback = true) const {
+    v1::VoxelizeRequest request;
+    request.mutable_spec()->mutable_grid()->mutable_resolution()->set_voxels(32);
+    request.mutable_execution()->set_backend(backend);
+    request.mutable_execution()->set_fallback(fallback);
+    SetFile(request, glb_);
+    return request;
   }
 
-  Answer Ask(const v1::VoxelizeConfig& config, std::chrono::milliseconds deadline = kPatience) {
-    grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + deadline);
-    const auto stream = stub_->Voxelize(&context);
-    v1::VoxelizeRequest request;
-    *request.mutable_config() = config;
-    stream->Write(request);
-    request.set_mesh_piece(glb_.data(), glb_.size());
-    stream->Write(request);
-    stream->WritesDone();
-    Answer answer;
-    v1::VoxelizeResponse response;
-    while (stream->Read(&response)) {
-      if (response.has_piece()) {
-        EXPECT_EQ(response.piece().offset(), answer.bytes.size()) << "one target, every byte once";
-        answer.bytes += response.piece().data();
-      }
-      if (response.has_header()) {
-        EXPECT_TRUE(answer.bytes.empty());
-      }
-      if (response.has_summary()) answer.summary = response.summary();
-    }
-    answer.status = FromGrpcStatus(stream->Finish());
-    return answer;
+  Answer Ask(const v1::VoxelizeRequest& request, std::chrono::milliseconds deadline = kPatience) {
+    Received received = CallUpload(*stub_, request, deadline);
+    return {FromGrpcStatus(received.status), std::move(received.bytes), std::move(received.summary)};
   }
 
   // As many at the same time.
-  std::vector<Answer> AskTogether(int count, const v1::VoxelizeConfig& config) {
+  std::vector<Answer> AskTogether(int count, const v1::VoxelizeRequest& request) {
     std::vector<std::future<Answer>> calls;
     for (int i = 0; i < count; ++i) {
-      calls.push_back(std::async(std::launch::async, [&] { return Ask(config); }));
+      calls.push_back(std::async(std::launch::async, [&] { return Ask(request); }));
     }
     std::vector<Answer> answers;
     for (auto& call : calls) answers.push_back(call.get());
@@ -109,10 +90,11 @@ class DeviceFaultTest : public ::testing::Test {
   }
 
   // The bytes of the same request where nothing breaks.
-  const Answer& Right(const v1::VoxelizeConfig& config = Config()) {
+  const Answer& Right() { return Right(Request()); }
+  const Answer& Right(const v1::VoxelizeRequest& request) {
     if (!right_) {
-      v1::VoxelizeConfig cpu = config;
-      cpu.set_backend(v1::BACKEND_CPU);
+      v1::VoxelizeRequest cpu = request;
+      cpu.mutable_execution()->set_backend(v1::BACKEND_CPU);
       right_ = Ask(cpu);
       EXPECT_TRUE(right_->status.ok()) << right_->status;
       EXPECT_EQ(right_->summary.stats().worker().substr(0, 4), "cpu/");
@@ -120,7 +102,7 @@ class DeviceFaultTest : public ::testing::Test {
     return *right_;
   }
 
-  void ExpectRight(const Answer& answer, const std::string& device, uint32_t attempts) {
+  void ExpectRight(const Answer& answer, const std::string& device, int attempts) {
     ASSERT_TRUE(answer.status.ok()) << answer.status;
     EXPECT_EQ(answer.bytes, Right().bytes);
     EXPECT_EQ(answer.summary.content_sha256(), Right().summary.content_sha256());
@@ -129,43 +111,45 @@ class DeviceFaultTest : public ::testing::Test {
   }
 
   // What an estimate gives for the mesh's bytes, or for no more than its summary.
-  absl::Status Estimate(const v1::VoxelizeConfig& config, bool with_mesh, v1::EstimateVoxelizationResponse& response) {
+  absl::Status Estimate(const v1::VoxelizeRequest& request, bool with_mesh,
+                        v1::EstimateVoxelizationResponse& response) {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    v1::EstimateVoxelizationRequest request;
-    *request.mutable_config() = config;
+    v1::EstimateVoxelizationRequest estimate;
+    *estimate.mutable_spec() = request.spec();
+    *estimate.mutable_execution() = request.execution();
     if (with_mesh) {
-      request.set_mesh_bytes(glb_.data(), glb_.size());
+      *estimate.mutable_mesh() = request.mesh();
     } else {
-      request.mutable_summary()->set_triangles(12);
-      request.mutable_summary()->set_vertices(8);
-      request.mutable_summary()->mutable_max()->set_x(1);
+      estimate.mutable_summary()->set_triangles(12);
+      estimate.mutable_summary()->set_vertices(8);
+      estimate.mutable_summary()->mutable_max()->set_x(1);
     }
-    return FromGrpcStatus(stub_->EstimateVoxelization(&context, request, &response));
+    return FromGrpcStatus(stub_->EstimateVoxelization(&context, estimate, &response));
   }
-  void ExpectPlans(const v1::VoxelizeConfig& config, const std::string& backend) {
+  void ExpectPlans(const v1::VoxelizeRequest& request, v1::Backend backend) {
     for (const bool with_mesh : {true, false}) {
       v1::EstimateVoxelizationResponse response;
-      const absl::Status status = Estimate(config, with_mesh, response);
+      const absl::Status status = Estimate(request, with_mesh, response);
       EXPECT_TRUE(status.ok()) << status;
       EXPECT_EQ(response.plan().backend(), backend) << with_mesh;
     }
   }
-  void ExpectNoPlan(const v1::VoxelizeConfig& config, absl::StatusCode code) {
+  void ExpectNoPlan(const v1::VoxelizeRequest& request, absl::StatusCode code) {
     for (const bool with_mesh : {true, false}) {
       v1::EstimateVoxelizationResponse response;
-      const absl::Status status = Estimate(config, with_mesh, response);
+      const absl::Status status = Estimate(request, with_mesh, response);
       EXPECT_EQ(status.code(), code) << status;
     }
   }
-  std::vector<std::string> Backends() {
+  std::vector<v1::Backend> Backends() {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
     v1::GetServerInfoResponse response;
     EXPECT_TRUE(stub_->GetServerInfo(&context, {}, &response).ok());
-    std::vector<std::string> names;
-    for (const v1::BackendInfo& backend : response.backends()) names.push_back(backend.name());
-    return names;
+    std::vector<v1::Backend> backends;
+    for (const v1::BackendInfo& backend : response.backends()) backends.push_back(backend.backend());
+    return backends;
   }
 
   HealthCheckResponse::ServingStatus Health(const std::string& name) {
@@ -217,10 +201,10 @@ TEST_F(DeviceFaultTest, AWorkerThatDiesInTheMiddleOfABatchLosesNothing) {
   Right();
   // The first one holds the worker until the others wait together; when it goes on, they break.
   Fault("kind=stall stage=fine_raster runs=1");
-  auto first = std::async(std::launch::async, [&] { return Ask(Config()); });
+  auto first = std::async(std::launch::async, [&] { return Ask(Request()); });
   ASSERT_TRUE(WaitUntil([&] { return Health("") == HealthCheckResponse::SERVING; }));
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
-  auto others = std::async(std::launch::async, [&] { return AskTogether(12, Config()); });
+  auto others = std::async(std::launch::async, [&] { return AskTogether(12, Request()); });
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
   Fault("kind=lost stage=fine_raster runs=-1 probes=1000000");
   ExpectRight(first.get(), "cuda:0", 1);
@@ -235,32 +219,32 @@ TEST_F(DeviceFaultTest, AWorkerThatDiesInTheMiddleOfABatchLosesNothing) {
 TEST_F(DeviceFaultTest, ALostDeviceIsToldAndComesBack) {
   ASSERT_NO_FATAL_FAILURE(Start());
   EXPECT_EQ(Health("device/cuda:0"), HealthCheckResponse::SERVING);
-  ExpectRight(Ask(Config()), "cuda:0", 1);
+  ExpectRight(Ask(Request()), "cuda:0", 1);
   Fault("kind=lost stage=fine_raster runs=1 probes=1000000");
-  ExpectRight(Ask(Config()), "cpu", 2);
+  ExpectRight(Ask(Request()), "cpu", 2);
   EXPECT_EQ(Health("device/cuda:0"), HealthCheckResponse::NOT_SERVING);
   EXPECT_EQ(Health("device/cpu"), HealthCheckResponse::SERVING);
   EXPECT_EQ(Health(""), HealthCheckResponse::SERVING) << "the CPU serves";
   EXPECT_EQ(Device("cuda:0").state(), v1::DEVICE_STATE_QUARANTINED);
   EXPECT_NE(Device("cuda:0").reason(), "");
-  ExpectRight(Ask(Config()), "cpu", 1);
+  ExpectRight(Ask(Request()), "cpu", 1);
   Fault("");
   EXPECT_TRUE(WaitForHealth("device/cuda:0", HealthCheckResponse::SERVING));
   EXPECT_EQ(Device("cuda:0").state(), v1::DEVICE_STATE_SERVING);
-  ExpectRight(Ask(Config()), "cuda:0", 1);
+  ExpectRight(Ask(Request()), "cuda:0", 1);
 }
 
 TEST_F(DeviceFaultTest, WithoutFallbackTheClientHearsOfIt) {
   ASSERT_NO_FATAL_FAILURE(Start());
   Fault("kind=lost stage=fine_raster runs=-1 probes=1000000");
-  const v1::VoxelizeConfig strict = Config(v1::BACKEND_CUDA, /*fallback=*/false);
+  const v1::VoxelizeRequest strict = Request(v1::BACKEND_CUDA, /*fallback=*/false);
   for (int i = 0; i < 2; ++i) {  // as the one that finds out, and while the device is in quarantine
     const Answer answer = Ask(strict);
     EXPECT_EQ(answer.status.code(), absl::StatusCode::kUnavailable) << answer.status;
     EXPECT_THAT(std::string(answer.status.message()), HasSubstr("cuda:0"));
     EXPECT_TRUE(RetryDelay(answer.status).has_value());
   }
-  ExpectRight(Ask(Config(v1::BACKEND_AUTO)), "cpu", 1);
+  ExpectRight(Ask(Request(v1::BACKEND_AUTO)), "cpu", 1);
   Fault("");
   ASSERT_TRUE(WaitForHealth("device/cuda:0", HealthCheckResponse::SERVING));
   ExpectRight(Ask(strict), "cuda:0", 1);
@@ -269,46 +253,46 @@ TEST_F(DeviceFaultTest, WithoutFallbackTheClientHearsOfIt) {
 TEST_F(DeviceFaultTest, AServerWithoutFallbackKeepsJobsWhereTheyAre) {
   ASSERT_NO_FATAL_FAILURE(Start({"--fallback", "off"}));
   Fault("kind=lost stage=fine_raster runs=-1 probes=1000000");
-  EXPECT_EQ(Ask(Config()).status.code(), absl::StatusCode::kUnavailable);
-  ExpectRight(Ask(Config(v1::BACKEND_CPU)), "cpu", 1);
+  EXPECT_EQ(Ask(Request()).status.code(), absl::StatusCode::kUnavailable);
+  ExpectRight(Ask(Request(v1::BACKEND_CPU)), "cpu", 1);
 }
 
 TEST_F(DeviceFaultTest, AGpuThatIsNotUsedIsAPrecondition) {
   ASSERT_NO_FATAL_FAILURE(Start({"--gpus", "none"}));
-  const Answer answer = Ask(Config(v1::BACKEND_CUDA, /*fallback=*/false));
+  const Answer answer = Ask(Request(v1::BACKEND_CUDA, /*fallback=*/false));
   EXPECT_EQ(answer.status.code(), absl::StatusCode::kFailedPrecondition) << answer.status;
-  ExpectRight(Ask(Config()), "cpu", 1);
+  ExpectRight(Ask(Request()), "cpu", 1);
 }
 
 // An estimate takes a device of the pool that serves: whatever starts on another fails here.
 TEST_F(DeviceFaultTest, EstimatesAndTheServersBackendsKnowWhichGpusAreUsed) {
   Fault("kind=error stage=start runs=-1");
   ASSERT_NO_FATAL_FAILURE(Start({"--gpus", "none"}));
-  ExpectPlans(Config(v1::BACKEND_AUTO), "cpu");
-  ExpectNoPlan(Config(v1::BACKEND_CUDA, /*fallback=*/false), absl::StatusCode::kFailedPrecondition);
-  EXPECT_THAT(Backends(), ::testing::ElementsAre("cpu"));
+  ExpectPlans(Request(v1::BACKEND_AUTO), v1::BACKEND_CPU);
+  ExpectNoPlan(Request(v1::BACKEND_CUDA, /*fallback=*/false), absl::StatusCode::kFailedPrecondition);
+  EXPECT_THAT(Backends(), ::testing::ElementsAre(v1::BACKEND_CPU));
 }
 
 TEST_F(DeviceFaultTest, EstimatesKnowThatADeviceIsInQuarantine) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  ExpectPlans(Config(v1::BACKEND_AUTO), "cuda");
+  ExpectPlans(Request(v1::BACKEND_AUTO), v1::BACKEND_CUDA);
   Fault("kind=lost stage=fine_raster runs=1 probes=1000000");
-  ExpectRight(Ask(Config()), "cpu", 2);
+  ExpectRight(Ask(Request()), "cpu", 2);
   Fault("kind=error stage=start runs=-1 probes=1000000");
-  ExpectPlans(Config(v1::BACKEND_AUTO), "cpu");
-  ExpectNoPlan(Config(v1::BACKEND_CUDA, /*fallback=*/false), absl::StatusCode::kUnavailable);
-  EXPECT_THAT(Backends(), ::testing::ElementsAre("cuda", "cpu")) << "it may come back";
+  ExpectPlans(Request(v1::BACKEND_AUTO), v1::BACKEND_CPU);
+  ExpectNoPlan(Request(v1::BACKEND_CUDA, /*fallback=*/false), absl::StatusCode::kUnavailable);
+  EXPECT_THAT(Backends(), ::testing::ElementsAre(v1::BACKEND_CUDA, v1::BACKEND_CPU)) << "it may come back";
 }
 
 TEST_F(DeviceFaultTest, OutOfMemoryIsNotTheEndOfTheDevice) {
   ASSERT_NO_FATAL_FAILURE(Start());
   Fault("kind=memory stage=fine_raster runs=-1");
-  ExpectRight(Ask(Config()), "cpu", 2);
-  const Answer strict = Ask(Config(v1::BACKEND_CUDA, /*fallback=*/false));
+  ExpectRight(Ask(Request()), "cpu", 2);
+  const Answer strict = Ask(Request(v1::BACKEND_CUDA, /*fallback=*/false));
   EXPECT_EQ(strict.status.code(), absl::StatusCode::kResourceExhausted) << strict.status;
   EXPECT_EQ(Health("device/cuda:0"), HealthCheckResponse::SERVING);
   Fault("kind=memory stage=fine_raster runs=5");
-  for (const Answer& answer : AskTogether(16, Config())) {
+  for (const Answer& answer : AskTogether(16, Request())) {
     ASSERT_TRUE(answer.status.ok()) << answer.status;
     EXPECT_EQ(answer.bytes, Right().bytes);
   }
@@ -317,7 +301,7 @@ TEST_F(DeviceFaultTest, OutOfMemoryIsNotTheEndOfTheDevice) {
 TEST_F(DeviceFaultTest, AStalledDeviceIsLostAndDoesNotHoldUpItsJobsOrTheEnd) {
   ASSERT_NO_FATAL_FAILURE(Start({"--device-stall-ms", "1000"}));
   Fault("kind=stall stage=fine_raster runs=1 probe=stall");
-  ExpectRight(Ask(Config()), "cpu", 2);
+  ExpectRight(Ask(Request()), "cpu", 2);
   EXPECT_EQ(Health("device/cuda:0"), HealthCheckResponse::NOT_SERVING);
   // The thread is still stuck, and so is a probe.
   server_->Signal(SIGTERM);
@@ -329,16 +313,16 @@ TEST_F(DeviceFaultTest, AStalledDeviceIsLostAndDoesNotHoldUpItsJobsOrTheEnd) {
 TEST_F(DeviceFaultTest, ADeviceThatStalledComesBack) {
   ASSERT_NO_FATAL_FAILURE(Start({"--device-stall-ms", "1000"}));
   Fault("kind=stall stage=fine_raster runs=1 probes=1000000");
-  ExpectRight(Ask(Config()), "cpu", 2);
+  ExpectRight(Ask(Request()), "cpu", 2);
   Fault("");
   ASSERT_TRUE(WaitForHealth("device/cuda:0", HealthCheckResponse::SERVING));
-  ExpectRight(Ask(Config()), "cuda:0", 1);
+  ExpectRight(Ask(Request()), "cuda:0", 1);
 }
 
 TEST_F(DeviceFaultTest, TheEndDoesNotWaitForAStalledDeviceForLongerThanItsGrace) {
   ASSERT_NO_FATAL_FAILURE(Start({"--device-stall-ms", "0", "--drain-grace-ms", "200"}));
   Fault("kind=stall stage=fine_raster runs=1");
-  auto call = std::async(std::launch::async, [&] { return Ask(Config()); });
+  auto call = std::async(std::launch::async, [&] { return Ask(Request()); });
   std::this_thread::sleep_for(std::chrono::milliseconds(200));
   server_->Signal(SIGTERM);
   const auto end = server_->Wait(std::chrono::seconds(20));
@@ -350,7 +334,7 @@ TEST_F(DeviceFaultTest, TheEndDoesNotWaitForAStalledDeviceForLongerThanItsGrace)
 TEST_F(DeviceFaultTest, TheEndComesInTimeWhileADeviceIsInQuarantine) {
   ASSERT_NO_FATAL_FAILURE(Start());
   Fault("kind=lost stage=fine_raster runs=1 probes=1000000");
-  ExpectRight(Ask(Config()), "cpu", 2);
+  ExpectRight(Ask(Request()), "cpu", 2);
   server_->Signal(SIGTERM);
   const auto end = server_->Wait(std::chrono::seconds(20));
   ASSERT_TRUE(end.ok()) << end.status();
@@ -359,30 +343,31 @@ TEST_F(DeviceFaultTest, TheEndComesInTimeWhileADeviceIsInQuarantine) {
 
 TEST_F(DeviceFaultTest, AStreamedResultGoesOnAfterTheFailure) {
   ASSERT_NO_FATAL_FAILURE(Start({"--stream-above-mb", "1"}));
-  v1::VoxelizeConfig config = Config();
-  config.mutable_grid()->set_resolution(384);  // 1.9 MiB of bits and more than one slab
-  const Answer right = Right(config);
+  v1::VoxelizeRequest request = Request();
+  request.mutable_spec()->mutable_grid()->mutable_resolution()->set_voxels(
+      384);  // 1.9 MiB of bits and more than one slab
+  const Answer right = Right(request);
   ASSERT_GT(right.bytes.size(), size_t{1} << 20);
   for (const char* slab : {"0", "1"}) {
     Fault(std::string("kind=lost stage=fine_raster runs=1 slab=") + slab);
     ASSERT_TRUE(WaitForHealth("device/cuda:0", HealthCheckResponse::SERVING));
-    ExpectRight(Ask(config), "cpu", 2);
+    ExpectRight(Ask(request), "cpu", 2);
   }
 }
 
 TEST_F(DeviceFaultTest, WithEveryDeviceLostTheServerIsNotReadyAndRecovers) {
   ASSERT_NO_FATAL_FAILURE(Start({"--backend", "cuda", "--fallback", "off"}));
   Fault("kind=lost stage=fine_raster runs=-1 probes=1000000");
-  const Answer failed = Ask(Config());
+  const Answer failed = Ask(Request());
   EXPECT_EQ(failed.status.code(), absl::StatusCode::kUnavailable) << failed.status;
   EXPECT_EQ(Health(""), HealthCheckResponse::NOT_SERVING);
   EXPECT_EQ(Health("voxelpipe.v1.VoxelizationService"), HealthCheckResponse::NOT_SERVING);
-  const Answer refused = Ask(Config(v1::BACKEND_AUTO));
+  const Answer refused = Ask(Request(v1::BACKEND_AUTO));
   EXPECT_EQ(refused.status.code(), absl::StatusCode::kUnavailable) << refused.status;
   EXPECT_THAT(std::string(refused.status.message()), HasSubstr("quarantined"));
   Fault("");
   EXPECT_TRUE(WaitForHealth("", HealthCheckResponse::SERVING));
-  const Answer recovered = Ask(Config());
+  const Answer recovered = Ask(Request());
   ASSERT_TRUE(recovered.status.ok()) << recovered.status;
   EXPECT_THAT(recovered.summary.stats().worker(), StartsWith("cuda:0/"));
 }
@@ -393,7 +378,7 @@ TEST_F(DeviceFaultTest, AFailureAtEveryStageIsMadeGood) {
     for (const char* kind : {"error", "lost", "memory"}) {
       Fault(std::string("runs=1 kind=") + kind + " stage=" + stage);
       ASSERT_TRUE(WaitForHealth("device/cuda:0", HealthCheckResponse::SERVING));
-      const Answer answer = Ask(Config());
+      const Answer answer = Ask(Request());
       SCOPED_TRACE(std::string(kind) + " in " + stage);
       ExpectRight(answer, "cpu", 2);
     }

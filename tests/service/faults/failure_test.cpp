@@ -6,19 +6,17 @@
 #include <string>
 #include <vector>
 
-#include <grpcpp/create_channel.h>
-#include <grpcpp/security/credentials.h>
-
+#include "base/checksum/crc32c.h"
 #include "base/limit_error.h"
 #include "gmock/gmock.h"
-#include "google/rpc/error_details.pb.h"
-#include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
 #include "service/support/background_call.h"
+#include "service/support/messages.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "support/resources/closed_port.h"
+#include "voxelpipe/v1/error.pb.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
 #include "wire/status.h"
 
@@ -40,8 +38,7 @@ class FailureTest : public ::testing::Test {
     ASSERT_NE(server_, nullptr);
     client_ = ConnectTo(*server_);
     ASSERT_NE(client_, nullptr);
-    stub_ =
-        v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+    stub_ = StubOf(*server_);
   }
 
   absl::Status Ask(const std::vector<uint8_t>& bytes, const VoxelizeRequest& request = SmallRequest()) {
@@ -56,29 +53,16 @@ class FailureTest : public ::testing::Test {
   }
 
   // Sends these messages as they are, half-closes, and reads to the end.
-  grpc::Status Send(const std::vector<v1::VoxelizeRequest>& messages) {
-    grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    auto stream = stub_->Voxelize(&context);
-    for (const v1::VoxelizeRequest& message : messages) {
-      if (!stream->Write(message)) break;
-    }
-    stream->WritesDone();
-    v1::VoxelizeResponse response;
-    while (stream->Read(&response)) {}
-    return stream->Finish();
+  grpc::Status Send(const std::vector<v1::VoxelizeUploadRequest>& messages) {
+    return CallUpload(*stub_, messages).status;
   }
 
-  static v1::VoxelizeRequest Config() {
-    v1::VoxelizeRequest message;
-    message.mutable_config()->mutable_grid()->set_resolution(16);
+  static v1::VoxelizeUploadRequest First() {
+    v1::VoxelizeUploadRequest message;
+    message.mutable_request()->mutable_spec()->mutable_grid()->mutable_resolution()->set_voxels(16);
     return message;
   }
-  static v1::VoxelizeRequest Piece(const std::vector<uint8_t>& bytes) {
-    v1::VoxelizeRequest message;
-    message.set_mesh_piece(bytes.data(), bytes.size());
-    return message;
-  }
+  static v1::VoxelizeUploadRequest Piece(const std::vector<uint8_t>& bytes) { return PieceOf(bytes); }
 
   const std::vector<uint8_t> glb_ = TorusGlb(8);
   std::unique_ptr<ServerProcess> server_;
@@ -134,7 +118,7 @@ TEST_F(FailureTest, TheMeshOfAnEstimateTakesRoomOfTheUploads) {
   const size_t begun = 1000;
   ASSERT_NO_FATAL_FAILURE(Start({"--max-upload-bytes", std::to_string(glb_.size() + begun - 1)}));
   v1::EstimateVoxelizationRequest request;
-  request.set_mesh_bytes(glb_.data(), glb_.size());
+  request.mutable_mesh()->mutable_bytes()->set_data(glb_.data(), glb_.size());
   const auto estimate = [&] {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
@@ -143,8 +127,8 @@ TEST_F(FailureTest, TheMeshOfAnEstimateTakesRoomOfTheUploads) {
   };
   EXPECT_TRUE(estimate().ok());
   grpc::ClientContext context;
-  const auto upload = stub_->Voxelize(&context);
-  ASSERT_TRUE(upload->Write(Config()));
+  const auto upload = stub_->VoxelizeUpload(&context);
+  ASSERT_TRUE(upload->Write(First()));
   ASSERT_TRUE(upload->Write(Piece({glb_.begin(), glb_.begin() + begun})));
   grpc::Status status;
   const auto give_up = std::chrono::steady_clock::now() + kPatience;
@@ -157,19 +141,29 @@ TEST_F(FailureTest, TheMeshOfAnEstimateTakesRoomOfTheUploads) {
   upload->Finish();
 }
 
-TEST_F(FailureTest, AnEstimateOfTheConfigsMeshSaysWhereItBelongs) {
+TEST_F(FailureTest, AnEstimateSaysWhatItsMeshMayBe) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  v1::EstimateVoxelizationRequest request;
-  v1::EstimateVoxelizationResponse response;
-  for (const char* id : {"", "some"}) {
-    request.mutable_config()->set_mesh_id(id);
+  const auto expect_invalid = [&](const v1::EstimateVoxelizationRequest& request, const std::string& begin) {
+    v1::EstimateVoxelizationResponse response;
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
     const grpc::Status status = stub_->EstimateVoxelization(&context, request, &response);
-    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
-    EXPECT_EQ(status.error_message().find("beside the config") != std::string::npos, *id != '\0')
-        << status.error_message();
-  }
+    EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
+    EXPECT_TRUE(status.error_message().starts_with(begin)) << status.error_message();
+  };
+  v1::EstimateVoxelizationRequest request;
+  expect_invalid(request, "mesh: neither a mesh nor a summary");
+  request.mutable_mesh();
+  expect_invalid(request, "");
+  request.mutable_mesh()->mutable_stored();
+  expect_invalid(request, "mesh.stored.name: ");
+  request.mutable_mesh()->mutable_stored()->set_name("some");
+  expect_invalid(request, "mesh.stored.name: ");
+  const absl::StatusOr<StoredMesh> mesh = client_->UploadMesh(glb_, MeshFormat::kAuto, JobContext());
+  ASSERT_TRUE(mesh.ok()) << mesh.status();
+  request.mutable_mesh()->mutable_stored()->set_name(mesh->name);
+  request.mutable_mesh()->mutable_stored()->mutable_positions();
+  expect_invalid(request, "mesh.stored.positions: ");
 }
 
 // What all uploads together may take, one may: to wait would not help it.
@@ -182,29 +176,47 @@ TEST_F(FailureTest, AFileThatNeverFitsIsNotToldToComeAgain) {
 
 TEST_F(FailureTest, MessagesOutOfOrder) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  const auto expect_invalid = [](const grpc::Status& status) {
+  const auto expect_invalid = [](const grpc::Status& status, const std::string& begin) {
     EXPECT_EQ(status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << status.error_message();
     EXPECT_FALSE(status.error_message().empty());
+    EXPECT_TRUE(status.error_message().starts_with(begin)) << status.error_message();
   };
-  expect_invalid(Send({}));
-  expect_invalid(Send({Piece(glb_)}));
-  expect_invalid(Send({v1::VoxelizeRequest()}));
-  expect_invalid(Send({Config(), Config(), Piece(glb_)}));
-  expect_invalid(Send({Config()}));
-  EXPECT_TRUE(Send({Config(), Piece(glb_)}).ok());
+  expect_invalid(Send({}), "request: the stream ended without one");
+  expect_invalid(Send({Piece(glb_)}), "request: must come before the mesh");
+  expect_invalid(Send({v1::VoxelizeUploadRequest()}), "message: ");
+  expect_invalid(Send({First(), First(), Piece(glb_)}), "request: only the first message may be one");
+  expect_invalid(Send({First(), Piece(glb_), First()}), "request: only the first message may be one");
+  expect_invalid(Send({First()}), "");
+  EXPECT_TRUE(Send({First(), Piece(glb_)}).ok());
   ExpectAlive();
 }
 
 // Pieces of any size, the empty one too.
 TEST_F(FailureTest, PiecesMayBeSmall) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  std::vector<v1::VoxelizeRequest> messages{Config()};
+  std::vector<v1::VoxelizeUploadRequest> messages{First()};
   for (size_t i = 0; i < glb_.size(); i += 7) {
     messages.push_back(Piece({glb_.begin() + ptrdiff_t(i), glb_.begin() + ptrdiff_t(std::min(i + 7, glb_.size()))}));
   }
   messages.push_back(Piece({}));
   const grpc::Status status = Send(messages);
   EXPECT_TRUE(status.ok()) << status.error_message();
+}
+
+// A first part of the mesh may be in the request itself.
+TEST_F(FailureTest, TheRequestMayHoldTheBeginningOfTheMesh) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string expected = CallUpload(*stub_, {First(), Piece(glb_)}).bytes;
+  ASSERT_FALSE(expected.empty());
+  for (const size_t begun : {size_t{1}, glb_.size() / 2, glb_.size()}) {
+    v1::VoxelizeUploadRequest first = First();
+    v1::MeshBytes& mesh = *first.mutable_request()->mutable_mesh()->mutable_bytes();
+    mesh.set_data(glb_.data(), begun);
+    mesh.set_crc32c(Crc32c({glb_.data(), begun}));
+    EXPECT_EQ(CallUpload(*stub_, {first, Piece({glb_.begin() + ptrdiff_t(begun), glb_.end()})}).bytes, expected);
+    mesh.set_crc32c(mesh.crc32c() ^ 1);
+    EXPECT_EQ(Send({first}).error_code(), grpc::StatusCode::DATA_LOSS);
+  }
 }
 
 TEST_F(FailureTest, WhatTheRequestNamesWrongly) {
@@ -239,36 +251,29 @@ TEST_F(FailureTest, WhatTheRequestNamesWrongly) {
 
 TEST_F(FailureTest, EnumsOfTheFutureAreRefused) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  v1::VoxelizeRequest config = Config();
-  config.mutable_config()->set_fill(v1::Fill(99));
-  EXPECT_EQ(Send({config, Piece(glb_)}).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
-  config = Config();
-  config.mutable_config()->add_targets()->set_format(v1::VoxelFormat(99));
-  EXPECT_EQ(Send({config, Piece(glb_)}).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  v1::VoxelizeUploadRequest first = First();
+  first.mutable_request()->mutable_spec()->set_fill(v1::Fill(99));
+  EXPECT_EQ(Send({first, Piece(glb_)}).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  first = First();
+  first.mutable_request()->mutable_spec()->add_targets()->set_format(v1::VoxelFormat(99));
+  EXPECT_EQ(Send({first, Piece(glb_)}).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
 }
 
 TEST_F(FailureTest, InvalidArgumentCarriesTheField) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  v1::VoxelizeRequest config = Config();
-  config.mutable_config()->add_targets()->mutable_shader()->set_name("nothing");
-  const grpc::Status status = Send({config, Piece(glb_)});
-  google::rpc::Status details;
-  ASSERT_TRUE(details.ParseFromString(status.error_details()));
-  ASSERT_EQ(details.details_size(), 1);
-  google::rpc::BadRequest bad;
-  ASSERT_TRUE(details.details(0).UnpackTo(&bad));
-  ASSERT_EQ(bad.field_violations_size(), 1);
-  EXPECT_THAT(bad.field_violations(0).field(), HasSubstr("targets[0]"));
+  v1::VoxelizeUploadRequest first = First();
+  first.mutable_request()->mutable_spec()->add_targets()->mutable_shader()->set_name("nothing");
+  const grpc::Status status = Send({first, Piece(glb_)});
+  EXPECT_EQ(ReasonOf(status), "INVALID_REQUEST");
+  EXPECT_THAT(FieldOf(status), HasSubstr("targets[0]"));
 }
 
 TEST_F(FailureTest, InvalidArgumentCarriesThePartOfTheMesh) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const auto field = [&](const std::vector<uint8_t>& mesh) {
-    google::rpc::Status details;
-    google::rpc::BadRequest bad;
-    details.ParseFromString(Send({Config(), Piece(mesh)}).error_details());
-    for (const auto& detail : details.details()) detail.UnpackTo(&bad);
-    return bad.field_violations_size() == 1 ? bad.field_violations(0).field() : "none";
+    const grpc::Status status = Send({First(), Piece(mesh)});
+    EXPECT_EQ(ReasonOf(status), "INVALID_MESH");
+    return FieldOf(status);
   };
   EXPECT_EQ(field({}), "mesh");
   EXPECT_EQ(field({'n', 'o', ' ', 'm', 'e', 's', 'h'}), "mesh");
@@ -285,17 +290,14 @@ TEST_F(FailureTest, GridBeyondTheLimits) {
   request.grid.resolution = 1024;
   EXPECT_STATUS(Ask(glb_, request), kResourceExhausted, "1000000");
 
-  v1::VoxelizeRequest config = Config();
-  config.mutable_config()->mutable_grid()->set_resolution(1024);
-  const grpc::Status status = Send({config, Piece(glb_)});
-  google::rpc::Status details;
-  ASSERT_TRUE(details.ParseFromString(status.error_details()));
-  ASSERT_GE(details.details_size(), 1);
-  google::rpc::ErrorInfo info;
-  ASSERT_TRUE(details.details(0).UnpackTo(&info));
-  EXPECT_EQ(info.metadata().at("limit_bytes"), "1000000");
-  EXPECT_GT(std::stoull(info.metadata().at("need_bytes")), 1000000u);
-  const int64_t largest = std::stoll(info.metadata().at("largest_resolution"));
+  v1::VoxelizeUploadRequest first = First();
+  first.mutable_request()->mutable_spec()->mutable_grid()->mutable_resolution()->set_voxels(1024);
+  const grpc::Status status = Send({first, Piece(glb_)});
+  EXPECT_EQ(ReasonOf(status), "LIMIT_EXCEEDED");
+  const auto limit = DetailOf<v1::LimitExceeded>(status);
+  EXPECT_EQ(limit.limit_bytes(), 1'000'000);
+  EXPECT_GT(limit.need_bytes(), 1'000'000);
+  const int64_t largest = limit.resolution();
   request.grid.resolution = largest;
   EXPECT_TRUE(Ask(glb_, request).ok()) << largest;
   request.grid.resolution = largest + 1;
@@ -368,8 +370,8 @@ TEST_F(FailureTest, UploadGivenUp) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   for (int i = 0; i < 20; ++i) {
     grpc::ClientContext context;
-    auto stream = stub_->Voxelize(&context);
-    stream->Write(Config());
+    auto stream = stub_->VoxelizeUpload(&context);
+    stream->Write(First());
     stream->Write(Piece(glb_));
     context.TryCancel();
     EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::CANCELLED);

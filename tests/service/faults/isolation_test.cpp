@@ -134,7 +134,7 @@ TEST_F(IsolationTest, TexturesOfKeptMeshesAreDecodedThereToo) {
   const auto kept = client_->UploadMesh(file, MeshFormat::kGlb, job);
   ASSERT_TRUE(kept.ok()) << kept.status();
   EXPECT_THAT(HttpGet(*http, "/metrics"), HasSubstr("voxelpipe_isolated_loads_total 0\n"));
-  const auto stored = client_->VoxelizeStored(kept->mesh_id, BaseColorRequest(), job);
+  const auto stored = client_->VoxelizeStored(kept->name, BaseColorRequest(), job);
   ASSERT_TRUE(stored.ok()) << stored.status();
   EXPECT_THAT(HttpGet(*http, "/metrics"), HasSubstr("voxelpipe_isolated_loads_total 1\n"));
   const auto sent = Ask(file, job, BaseColorRequest());

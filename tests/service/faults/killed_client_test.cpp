@@ -11,13 +11,13 @@
 #include "gtest/gtest.h"
 #include "service/support/background_call.h"
 #include "service/support/effort.h"
+#include "service/support/messages.h"
 #include "service/support/process_facts.h"
 #include "service/support/raw_client.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
-#include "wire/request.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -38,18 +38,15 @@ VoxelizeRequest LargeResult() {
 
 // All that a client sends for one call, from its first byte.
 std::string CallBytes(const std::vector<uint8_t>& mesh, const VoxelizeRequest& request) {
-  v1::VoxelizeRequest config, piece;
-  *config.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
-  piece.set_mesh_piece(mesh.data(), mesh.size());
-  return http2::Opening() + http2::Request(1, kVoxelizeMethod) +
-         http2::Data(1, http2::Message(config.SerializeAsString()), false) +
-         http2::Data(1, http2::Message(piece.SerializeAsString()), true);
+  return http2::Opening() + http2::Request(1, kUploadMethod) +
+         http2::Data(1, http2::Message(UploadOf(RequestOf(request)).SerializeAsString()), false) +
+         http2::Data(1, http2::Message(PieceOf(mesh).SerializeAsString()), true);
 }
 
 // The same for a mesh to be kept.
 std::string UploadBytes(const std::vector<uint8_t>& mesh) {
   v1::UploadMeshRequest upload, piece;
-  upload.mutable_upload()->set_mesh_format(v1::MESH_FORMAT_GLB);
+  upload.mutable_upload()->set_format(v1::MESH_FORMAT_GLB);
   piece.set_piece(mesh.data(), mesh.size());
   return http2::Opening() + http2::Request(1, kUploadMesh) +
          http2::Data(1, http2::Message(upload.SerializeAsString()), false) +

@@ -77,7 +77,7 @@ TEST_F(MemoryTest, MeshesThatComeAndGoLeaveNothing) {
     const JobContext job;
     const auto mesh = client_->UploadMesh(LargeTrianglesGlb(1'000 + i * 791 % 20'000), MeshFormat::kGlb, job);
     ASSERT_TRUE(mesh.ok()) << mesh.status();
-    const absl::StatusOr<uint64_t> gone = client_->DeleteMesh(mesh->mesh_id);
+    const absl::StatusOr<uint64_t> gone = client_->ReleaseMesh(mesh->name);
     ASSERT_TRUE(gone.ok()) << gone.status();
   });
 }

@@ -1,21 +1,19 @@
 // Clients that are slow, on purpose or not: what they hold is bounded in time, and those who do move are served.
 #include <algorithm>
+#include <span>
 #include <string>
 #include <thread>
 #include <vector>
 
-#include <grpcpp/create_channel.h>
-#include <grpcpp/security/credentials.h>
-
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "service/support/messages.h"
 #include "service/support/process_facts.h"
 #include "service/support/raw_client.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
-#include "wire/request.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -31,8 +29,7 @@ class SlowClientTest : public ::testing::Test {
     ASSERT_NE(server_, nullptr);
     client_ = ConnectTo(*server_);
     ASSERT_NE(client_, nullptr);
-    stub_ =
-        v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+    stub_ = StubOf(*server_);
   }
 
   void ExpectServed() {
@@ -42,16 +39,7 @@ class SlowClientTest : public ::testing::Test {
     EXPECT_TRUE(status.ok()) << status;
   }
 
-  static v1::VoxelizeRequest Config(const VoxelizeRequest& request) {
-    v1::VoxelizeRequest message;
-    *message.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
-    return message;
-  }
-  static v1::VoxelizeRequest Piece(std::string bytes) {
-    v1::VoxelizeRequest message;
-    message.set_mesh_piece(std::move(bytes));
-    return message;
-  }
+  static v1::VoxelizeUploadRequest First(const VoxelizeRequest& request) { return UploadOf(RequestOf(request)); }
 
   const std::vector<uint8_t> glb_ = TorusGlb(8);
   std::unique_ptr<ServerProcess> server_;
@@ -78,9 +66,9 @@ TEST_F(SlowClientTest, AnUploadThatStopsIsLetGo) {
   ASSERT_NO_FATAL_FAILURE(Start({"--upload-idle-timeout-ms", "300", "--max-upload-bytes", "100000"}));
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + kPatience);
-  const auto stream = stub_->Voxelize(&context);
-  ASSERT_TRUE(stream->Write(Config(SmallRequest())));
-  ASSERT_TRUE(stream->Write(Piece(std::string(99'000, 'x'))));
+  const auto stream = stub_->VoxelizeUpload(&context);
+  ASSERT_TRUE(stream->Write(First(SmallRequest())));
+  ASSERT_TRUE(stream->Write(PieceOf(std::string(99'000, 'x'))));
   const grpc::Status status = stream->Finish();  // without a word more
   EXPECT_EQ(status.error_code(), grpc::StatusCode::ABORTED) << status.error_message();
   EXPECT_THAT(status.error_message(), HasSubstr("300 ms"));
@@ -91,9 +79,9 @@ TEST_F(SlowClientTest, ByteAfterByteIsIdleToo) {
   ASSERT_NO_FATAL_FAILURE(Start({"--upload-idle-timeout-ms", "300"}));
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + kPatience);
-  const auto stream = stub_->Voxelize(&context);
-  ASSERT_TRUE(stream->Write(Config(SmallRequest())));
-  while (stream->Write(Piece("x"))) std::this_thread::sleep_for(milliseconds(5));
+  const auto stream = stub_->VoxelizeUpload(&context);
+  ASSERT_TRUE(stream->Write(First(SmallRequest())));
+  while (stream->Write(PieceOf("x"))) std::this_thread::sleep_for(milliseconds(5));
   const grpc::Status status = stream->Finish();
   EXPECT_EQ(status.error_code(), grpc::StatusCode::ABORTED) << status.error_message();
 }
@@ -102,7 +90,7 @@ TEST_F(SlowClientTest, ACallWithoutAnyMessageIsLetGo) {
   ASSERT_NO_FATAL_FAILURE(Start({"--upload-idle-timeout-ms", "300"}));
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + kPatience);
-  const auto stream = stub_->Voxelize(&context);
+  const auto stream = stub_->VoxelizeUpload(&context);
   EXPECT_EQ(stream->Finish().error_code(), grpc::StatusCode::ABORTED);
 }
 
@@ -113,19 +101,17 @@ TEST_F(SlowClientTest, ASlowUploadThatMovesIsServed) {
   ASSERT_GT(glb.size(), 12 * kEnoughBytes);
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + kPatience);
-  const auto stream = stub_->Voxelize(&context);
+  const auto stream = stub_->VoxelizeUpload(&context);
   VoxelizeRequest request;
   request.grid.resolution = 4;
-  ASSERT_TRUE(stream->Write(Config(request)));
+  ASSERT_TRUE(stream->Write(First(request)));
   for (size_t at = 0; at < glb.size(); at += kEnoughBytes) {
-    ASSERT_TRUE(stream->Write(
-        Piece({glb.begin() + ptrdiff_t(at), glb.begin() + ptrdiff_t(std::min(glb.size(), at + kEnoughBytes))})));
+    const std::span<const uint8_t> rest = std::span(glb).subspan(at);
+    ASSERT_TRUE(stream->Write(PieceOf(rest.first(std::min(rest.size(), kEnoughBytes)))));
     std::this_thread::sleep_for(milliseconds(250));
   }
   stream->WritesDone();
-  v1::VoxelizeResponse response;
-  while (stream->Read(&response)) {}
-  const grpc::Status status = stream->Finish();
+  const grpc::Status status = Collect(*stream).status;
   EXPECT_TRUE(status.ok()) << status.error_message();
 }
 
@@ -134,9 +120,9 @@ TEST_F(SlowClientTest, ANonReaderDoesNotKeepTheMemory) {
   ASSERT_NO_FATAL_FAILURE(Start({"--stall-timeout-ms", "2000", "--max-working-bytes", "60000000"}));
   const auto ask = [&](grpc::ClientContext& context) {
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    auto stream = stub_->Voxelize(&context);
-    stream->Write(Config(SlowResult()));
-    stream->Write(Piece({glb_.begin(), glb_.end()}));
+    auto stream = stub_->VoxelizeUpload(&context);
+    stream->Write(First(SlowResult()));
+    stream->Write(PieceOf(glb_));
     stream->WritesDone();
     v1::VoxelizeResponse response;
     EXPECT_TRUE(stream->Read(&response));
@@ -148,7 +134,9 @@ TEST_F(SlowClientTest, ANonReaderDoesNotKeepTheMemory) {
   const auto next = ask(second);
   uint64_t bytes = 0;
   v1::VoxelizeResponse response;
-  while (next->Read(&response)) bytes += response.piece().data().size();
+  while (next->Read(&response)) {
+    for (const v1::ResultPiece& piece : response.pieces()) bytes += piece.data().size();
+  }
   const grpc::Status status = next->Finish();
   EXPECT_TRUE(status.ok()) << status.error_message();
   EXPECT_EQ(bytes, 32u << 20);
@@ -165,10 +153,9 @@ TEST_F(SlowClientTest, TwentyNonReadersAreCheap) {
     auto reader = RawClient::Connect(server_->address(), /*receive_buffer_bytes=*/4096);
     ASSERT_TRUE(reader.ok()) << reader.status();
     readers.push_back(*std::move(reader));
-    ASSERT_TRUE(readers.back()->Send(
-        http2::Opening() + http2::Request(1, kVoxelizeMethod) +
-        http2::Data(1, http2::Message(Config(SlowResult()).SerializeAsString()), false) +
-        http2::Data(1, http2::Message(Piece({glb_.begin(), glb_.end()}).SerializeAsString()), true)));
+    ASSERT_TRUE(readers.back()->Send(http2::Opening() + http2::Request(1, kUploadMethod) +
+                                     http2::Data(1, http2::Message(First(SlowResult()).SerializeAsString()), false) +
+                                     http2::Data(1, http2::Message(PieceOf(glb_).SerializeAsString()), true)));
   }
   // The one worker comes to each of them.
   for (const auto& reader : readers) EXPECT_TRUE(reader->ReadUntilData());
@@ -187,10 +174,9 @@ TEST_F(SlowClientTest, NonReadersOfAKeptResultShareIt) {
   ASSERT_NO_FATAL_FAILURE(Start({"--result-cache-bytes", "100000000", "--piece-bytes", "262144"}));
   const absl::StatusOr<StoredMesh> mesh = client_->UploadMesh(glb_, MeshFormat::kGlb, JobContext());
   ASSERT_TRUE(mesh.ok()) << mesh.status();
-  ASSERT_TRUE(client_->VoxelizeStored(mesh->mesh_id, SlowResult(), JobContext()).ok());
+  ASSERT_TRUE(client_->VoxelizeStored(mesh->name, SlowResult(), JobContext()).ok());
   const ProcessFacts before = ReadProcessFacts(server_->pid());
-  v1::VoxelizeRequest request = Config(SlowResult());
-  request.mutable_config()->set_mesh_id(mesh->mesh_id);
+  const v1::VoxelizeRequest request = StoredRequestOf(SlowResult(), mesh->name);
   std::vector<std::unique_ptr<RawClient>> readers;
   for (int i = 0; i < 20; ++i) {
     auto reader = RawClient::Connect(server_->address(), /*receive_buffer_bytes=*/4096);
@@ -200,7 +186,7 @@ TEST_F(SlowClientTest, NonReadersOfAKeptResultShareIt) {
                                      http2::Data(1, http2::Message(request.SerializeAsString()), true)));
   }
   for (const auto& reader : readers) EXPECT_TRUE(reader->ReadUntilData());
-  const absl::StatusOr<RemoteResult> again = client_->VoxelizeStored(mesh->mesh_id, SlowResult(), JobContext());
+  const absl::StatusOr<RemoteResult> again = client_->VoxelizeStored(mesh->name, SlowResult(), JobContext());
   ASSERT_TRUE(again.ok()) << again.status();
   EXPECT_TRUE(again->cached);
   const ProcessFacts after = ReadProcessFacts(server_->pid());

@@ -352,9 +352,13 @@ TEST_F(TokenTest, AUserForgetsItsOwnMeshesAndNotThoseOfOthers) {
   for (const auto* owner : {&farm, &boss}) {
     const auto mesh = (*farm)->UploadMesh(TorusGlb(6), MeshFormat::kGlb, job);
     ASSERT_TRUE(mesh.ok()) << mesh.status();
-    const absl::Status refused = (*mill)->DeleteMesh(mesh->mesh_id).status();
-    EXPECT_EQ(refused.code(), absl::StatusCode::kPermissionDenied) << refused;
-    EXPECT_TRUE((**owner)->DeleteMesh(mesh->mesh_id).ok());
+    for (const absl::Status& refused :
+         {(*mill)->ReleaseMesh(mesh->name).status(), (*mill)->DeleteMesh(mesh->name).status()}) {
+      EXPECT_EQ(refused.code(), absl::StatusCode::kPermissionDenied) << refused;
+    }
+    const absl::Status gone =
+        owner == &boss ? (*boss)->DeleteMesh(mesh->name).status() : (*farm)->ReleaseMesh(mesh->name).status();
+    EXPECT_TRUE(gone.ok()) << gone;
   }
 }
 

@@ -91,17 +91,16 @@ class HostileServer final : public v1::VoxelizationService::Service {
     Spoil(*response->mutable_warnings(response->warnings_size() - 1));
     return status;
   }
-  grpc::Status VoxelizeMesh(grpc::ServerContext*, const v1::VoxelizeMeshRequest* request,
-                            grpc::ServerWriter<v1::VoxelizeResponse>* writer) override {
+  grpc::Status Voxelize(grpc::ServerContext*, const v1::VoxelizeRequest* request,
+                        grpc::ServerWriter<v1::VoxelizeResponse>* writer) override {
     grpc::ClientContext context;
-    const auto reader = real_->VoxelizeMesh(&context, *request);
+    const auto reader = real_->Voxelize(&context, *request);
     v1::VoxelizeResponse response;
     response.mutable_progress()->set_stage(kHostileText);
     std::this_thread::sleep_for(
         std::chrono::milliseconds(200));  // the line of progress is not for jobs that end at once
     if (!refuse_) writer->Write(response);
     while (reader->Read(&response)) {
-      if (response.has_whole()) AddWarning(*response.mutable_whole()->mutable_summary()->mutable_warnings());
       if (response.has_summary()) AddWarning(*response.mutable_summary()->mutable_warnings());
       Spoil(response);
       if (!refuse_) writer->Write(response);

@@ -199,7 +199,7 @@ TEST_F(LifecycleTest, ReflectionListsEveryService) {
   EXPECT_THAT(names, Contains(kServiceName));
   EXPECT_THAT(names, Contains("grpc.health.v1.Health"));
 
-  for (const char* method : {".Voxelize", ".VoxelizeMany", ".VoxelizeMesh"}) {
+  for (const char* method : {".Voxelize", ".VoxelizeBatch", ".VoxelizeUpload"}) {
     request.set_file_containing_symbol(std::string(kServiceName) + method);
     ASSERT_TRUE(stream->Write(request));
     ASSERT_TRUE(stream->Read(&response));

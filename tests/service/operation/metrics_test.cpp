@@ -1,5 +1,5 @@
 // Every metric moves when what it counts happens. Those of single calls stand in observe_test, of certificates and
-// tokens in access_test, of sharing in many_sharing_test.
+// tokens in access_test, of sharing in batch_sharing_test.
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -89,7 +89,7 @@ class MetricsPathTest : public ::testing::Test {
   std::string Upload(const std::vector<uint8_t>& bytes) {
     const auto mesh = client_->UploadMesh(bytes, MeshFormat::kAuto, job_);
     EXPECT_TRUE(mesh.ok()) << mesh.status();
-    return mesh.value_or(StoredMesh{}).mesh_id;
+    return mesh.value_or(StoredMesh{}).name;
   }
 
   const TemporaryDirectory directory_;
@@ -201,7 +201,7 @@ TEST_F(MetricsPathTest, MeshesAndResultsThatMakeRoom) {
   EXPECT_GT(Sample("result_cache_evictions_total"), 0);
   EXPECT_GT(Sample("result_cache_bytes"), 0);
   EXPECT_EQ(Sample("result_cache_limit_bytes"), 40000);
-  EXPECT_FALSE(client_->VoxelizeStored(std::string(64, '0'), SmallRequest(), job_).ok());
+  EXPECT_FALSE(client_->VoxelizeStored("meshes/" + std::string(64, '0'), SmallRequest(), job_).ok());
   EXPECT_EQ(Sample("mesh_store_misses_total"), 1);
   for (int side = 9; side < 30; ++side) Upload(TorusGlb(side));
   EXPECT_GT(Sample("mesh_store_evictions_total"), 0);

@@ -20,6 +20,7 @@
 #include "support/json/json.h"
 #include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/contract_revision.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -73,17 +74,16 @@ TEST_F(ObserveTest, ACallIsSeenInTheMetrics) {
   for (int i = 0; i < 3; ++i) ASSERT_TRUE(client_->Voxelize(mesh, MeshFormat::kGlb, SmallRequest(), job).ok());
   EXPECT_FALSE(client_->Voxelize({mesh.data(), 10}, MeshFormat::kGlb, SmallRequest(), job).ok());
   // A call counts when gRPC is done with it, a moment after its client.
-  const std::string total = "voxelpipe_calls_total{code=\"OK\",method=\"VoxelizeMesh\"}";
+  const std::string total = "voxelpipe_calls_total{code=\"OK\",method=\"Voxelize\"}";
   for (int i = 0;
-       i < 500 &&
-       Sample(total) + Sample("voxelpipe_calls_total{code=\"INVALID_ARGUMENT\",method=\"VoxelizeMesh\"}") < 4;
+       i < 500 && Sample(total) + Sample("voxelpipe_calls_total{code=\"INVALID_ARGUMENT\",method=\"Voxelize\"}") < 4;
        ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   EXPECT_EQ(Sample(total), 3);
-  EXPECT_EQ(Sample("voxelpipe_calls_total{code=\"INVALID_ARGUMENT\",method=\"VoxelizeMesh\"}"), 1);
-  EXPECT_EQ(Sample("voxelpipe_calls_in_flight{method=\"VoxelizeMesh\"}"), 0);
-  EXPECT_EQ(Sample("voxelpipe_call_seconds_count{method=\"VoxelizeMesh\"}"), 4);
+  EXPECT_EQ(Sample("voxelpipe_calls_total{code=\"INVALID_ARGUMENT\",method=\"Voxelize\"}"), 1);
+  EXPECT_EQ(Sample("voxelpipe_calls_in_flight{method=\"Voxelize\"}"), 0);
+  EXPECT_EQ(Sample("voxelpipe_call_seconds_count{method=\"Voxelize\"}"), 4);
   EXPECT_EQ(Sample("voxelpipe_received_bytes_total"), 3 * double(mesh.size()) + 10);
   EXPECT_GT(Sample("voxelpipe_sent_bytes_total"), 0);
   EXPECT_EQ(Sample("voxelpipe_jobs_total{code=\"OK\"}"), 3);
@@ -143,7 +143,7 @@ TEST_F(ObserveTest, ACallHasOneLineWithItsIdAndItsCallersTrace) {
   EXPECT_EQ(calls[1].value("request", ""), own);
   EXPECT_FALSE(calls[1].contains("trace_id"));
   const nlohmann::json& work = calls[2];
-  EXPECT_EQ(work.value("method", ""), "VoxelizeMesh");
+  EXPECT_EQ(work.value("method", ""), "Voxelize");
   EXPECT_EQ(work.value("code", ""), "OK");
   EXPECT_EQ(work.value("triangles", 0), 72);
   EXPECT_EQ(work.value("in", size_t{0}), TorusGlb(6).size());
@@ -177,6 +177,8 @@ TEST_F(ObserveTest, HealthKnowsEveryDevice) {
   ASSERT_EQ(info.devices_size(), 1);
   EXPECT_EQ(info.devices(0).name(), "cpu");
   EXPECT_EQ(info.devices(0).state(), v1::DEVICE_STATE_SERVING);
+  EXPECT_EQ(info.devices(0).backend(), v1::BACKEND_CPU);
+  EXPECT_EQ(info.contract_revision(), kContractRevision);
 }
 
 TEST(CheckConfigTest, ItSaysWhatIsWrong) {

@@ -19,12 +19,13 @@
 #include "gmock/gmock.h"
 #include "grpc/reflection/v1/reflection.grpc.pb.h"
 #include "gtest/gtest.h"
+#include "service/support/messages.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
-#include "wire/request.h"
+#include "wire/call_settings.h"
 #include "wire/status.h"
 
 namespace voxelpipe::testing {
@@ -41,21 +42,24 @@ class OperationTest : public ::testing::Test {
         grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials());  // its limits are gRPC's own
     stub_ = v1::VoxelizationService::NewStub(channel_);
   }
-  // All messages of a call, one mesh piece a message.
-  std::vector<v1::VoxelizeResponse> Voxelize(const VoxelizeRequest& request, const std::vector<uint8_t>& mesh) {
+  // All messages of a VoxelizeUpload call.
+  std::vector<v1::VoxelizeResponse> Voxelize(const VoxelizeRequest& request, const std::vector<uint8_t>& mesh,
+                                             const CallSettings& settings = {}) {
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    const auto stream = stub_->Voxelize(&context);
-    v1::VoxelizeRequest message;
-    *message.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
-    stream->Write(message);
-    message.set_mesh_piece(mesh.data(), mesh.size());
-    stream->Write(message);
+    const auto stream = stub_->VoxelizeUpload(&context);
+    stream->Write(UploadOf(RequestOf(request, {}, MeshFormat::kGlb, settings)));
+    stream->Write(PieceOf(mesh));
     stream->WritesDone();
     std::vector<v1::VoxelizeResponse> responses;
-    for (v1::VoxelizeResponse response; stream->Read(&response);) responses.push_back(response);
+    Received all;
+    for (v1::VoxelizeResponse response; stream->Read(&response);) {
+      all.Add(response);
+      responses.push_back(response);
+    }
     const absl::Status status = FromGrpcStatus(stream->Finish());
     EXPECT_TRUE(status.ok()) << status;
+    EXPECT_TRUE(all.over);
     return responses;
   }
   std::string Log() {
@@ -77,13 +81,15 @@ TEST_F(OperationTest, ThePlanIsTheFirstWord) {
   ASSERT_NO_FATAL_FAILURE(Start());
   VoxelizeRequest request = SmallRequest();
   request.grid.resolution = 200;
-  const std::vector<v1::VoxelizeResponse> responses = Voxelize(request, TorusGlb(200));
+  CallSettings settings;
+  settings.single_message_bytes = 0;
+  const std::vector<v1::VoxelizeResponse> responses = Voxelize(request, TorusGlb(200), settings);
   ASSERT_GE(responses.size(), 4u);
-  EXPECT_TRUE(responses[0].has_accepted()) << responses[0].ShortDebugString();
+  EXPECT_TRUE(responses[0].has_plan()) << responses[0].ShortDebugString();
   std::vector<std::string> stages;
   for (const v1::VoxelizeResponse& response : responses) {
     if (response.has_progress()) stages.push_back(response.progress().stage());
-    EXPECT_EQ(response.has_accepted(), &response == &responses[0]);
+    EXPECT_EQ(response.has_plan(), &response == &responses[0]);
   }
   EXPECT_THAT(stages, Contains("load"));
   EXPECT_THAT(stages, Contains("flatten"));

@@ -10,6 +10,7 @@
 #include <fstream>
 #include <functional>
 #include <future>
+#include <map>
 #include <memory>
 #include <string>
 #include <thread>
@@ -22,19 +23,21 @@
 #include "gtest/gtest.h"
 #include "service/support/effort.h"
 #include "service/support/http_get.h"
+#include "service/support/messages.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
-#include "wire/request.h"
 #include "wire/status.h"
 
 namespace voxelpipe::testing {
 namespace {
 
 using std::chrono::milliseconds;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 // A server with two users, a limited one, a monitor and an administrator; each one's token is "token-of-the-NAME".
 class RightsTest : public ::testing::Test {
@@ -54,8 +57,7 @@ class RightsTest : public ::testing::Test {
     arguments.insert(arguments.end(), {"--token-file", folder_ + "/tokens.json", "--http-listen", "127.0.0.1:0"});
     server_ = StartServer(arguments, folder_ + "/server.log");
     ASSERT_NE(server_, nullptr);
-    stub_ =
-        v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+    stub_ = StubOf(*server_);
   }
   std::unique_ptr<Client> As(const std::string& name) {
     ConnectOptions options;
@@ -73,16 +75,16 @@ class RightsTest : public ::testing::Test {
 
   std::string Upload(Client& client, const std::vector<uint8_t>& bytes) {
     const JobContext job;
-    const auto mesh = client.UploadMesh(bytes, MeshFormat::kGlb, job);
+    const auto mesh = client.UploadMesh(bytes, MeshFormat::kAuto, job);
     EXPECT_TRUE(mesh.ok()) << mesh.status();
-    return mesh.ok() ? mesh->mesh_id : "";
+    return mesh.ok() ? mesh->name : "";
   }
   // UploadMesh of all bytes, whatever the server has: the client library names the mesh first, and sends nothing of one
   // that is there.
   std::string Send(const std::string& client, const std::vector<uint8_t>& bytes) {
     grpc::ClientContext context;
     Set(context, client);
-    v1::UploadMeshResponse response;
+    v1::Mesh response;
     const auto stream = stub_->UploadMesh(&context, &response);
     v1::UploadMeshRequest message;
     message.mutable_upload();
@@ -92,25 +94,48 @@ class RightsTest : public ::testing::Test {
     stream->WritesDone();
     const absl::Status status = FromGrpcStatus(stream->Finish());
     EXPECT_TRUE(status.ok()) << status;
-    return response.mesh().mesh_id();
+    return response.name();
   }
-  // UploadMesh of an id alone.
-  absl::Status Name(const std::string& client, const std::string& id, v1::UploadMeshResponse& response) {
+  // UploadMesh of a name alone.
+  absl::Status Name(const std::string& client, const std::string& name, v1::Mesh& response) {
     grpc::ClientContext context;
     Set(context, client);
     const auto stream = stub_->UploadMesh(&context, &response);
     v1::UploadMeshRequest message;
-    message.mutable_upload()->set_mesh_id(id);
+    message.mutable_upload()->set_expected_id(name);
     stream->Write(message);
     stream->WritesDone();
     return FromGrpcStatus(stream->Finish());
   }
-  absl::Status Delete(const std::string& client, const std::string& id, v1::DeleteMeshResponse& response) {
+  absl::Status Release(const std::string& client, const std::string& name, v1::ReleaseMeshResponse& response) {
+    grpc::ClientContext context;
+    Set(context, client);
+    v1::ReleaseMeshRequest request;
+    request.set_name(name);
+    return FromGrpcStatus(stub_->ReleaseMesh(&context, request, &response));
+  }
+  absl::Status Delete(const std::string& client, const std::string& name, v1::DeleteMeshResponse& response) {
     grpc::ClientContext context;
     Set(context, client);
     v1::DeleteMeshRequest request;
-    request.set_mesh_id(id);
+    request.set_name(name);
     return FromGrpcStatus(stub_->DeleteMesh(&context, request, &response));
+  }
+  // The names of all meshes that a client sees, by pages of two.
+  std::vector<std::string> List(const std::string& client) {
+    std::vector<std::string> names;
+    v1::ListMeshesRequest request;
+    request.set_page_size(2);
+    do {
+      grpc::ClientContext context;
+      Set(context, client);
+      v1::ListMeshesResponse page;
+      const grpc::Status status = stub_->ListMeshes(&context, request, &page);
+      EXPECT_TRUE(status.ok()) << status.error_message();
+      for (const v1::Mesh& mesh : page.meshes()) names.push_back(mesh.name());
+      request.set_page_token(page.next_page_token());
+    } while (!request.page_token().empty());
+    return names;
   }
 
   const TemporaryDirectory directory_;
@@ -125,16 +150,17 @@ TEST_F(RightsTest, NamingAMeshGivesItsUseAndNoClaim) {
   ASSERT_TRUE(boss && farm && mill);
   const JobContext job;
   for (Client* owner : {boss.get(), farm.get()}) {
-    const std::string id = Upload(*owner, TorusGlb(owner == farm.get() ? 7 : 6));
-    v1::UploadMeshResponse named;
-    ASSERT_TRUE(Name("mill", id, named).ok());
+    const std::string name = Upload(*owner, TorusGlb(owner == farm.get() ? 7 : 6));
+    v1::Mesh named;
+    ASSERT_TRUE(Name("mill", name, named).ok());
     EXPECT_TRUE(named.already_stored());
-    EXPECT_EQ(named.mesh().mesh_id(), id);
-    EXPECT_TRUE(mill->VoxelizeStored(id, SmallRequest(), job).ok());
-    v1::DeleteMeshResponse deleted;
-    const absl::Status refused = Delete("mill", id, deleted);
+    EXPECT_EQ(named.name(), name);
+    EXPECT_TRUE(mill->VoxelizeStored(name, SmallRequest(), job).ok());
+    v1::ReleaseMeshResponse released;
+    const absl::Status refused = Release("mill", name, released);
     EXPECT_TRUE(absl::IsPermissionDenied(refused)) << refused;
-    EXPECT_TRUE(owner->GetMesh(id).ok()) << "it is still there";
+    EXPECT_THAT(List("mill"), IsEmpty());
+    EXPECT_TRUE(owner->GetMesh(name).ok()) << "it is still there";
   }
 }
 
@@ -142,73 +168,107 @@ TEST_F(RightsTest, AnAdministratorsMeshOutlivesAUsersClaim) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const auto boss = As("boss");
   ASSERT_TRUE(boss);
-  const std::string id = Upload(*boss, TorusGlb(6));
-  ASSERT_EQ(Send("mill", TorusGlb(6)), id);
-  v1::DeleteMeshResponse deleted;
-  ASSERT_TRUE(Delete("mill", id, deleted).ok());
-  EXPECT_TRUE(deleted.kept_for_others());
-  EXPECT_TRUE(boss->GetMesh(id).ok());
+  const std::string name = Upload(*boss, TorusGlb(6));
+  ASSERT_EQ(Send("mill", TorusGlb(6)), name);
+  v1::ReleaseMeshResponse released;
+  ASSERT_TRUE(Release("mill", name, released).ok());
+  EXPECT_TRUE(released.kept_for_others());
+  EXPECT_TRUE(boss->GetMesh(name).ok());
 }
 
-TEST_F(RightsTest, ADeleteThatLeavesTheMeshToOthersSaysSo) {
+TEST_F(RightsTest, AReleaseThatLeavesTheMeshToOthersSaysSo) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const auto farm = As("farm"), mill = As("mill");
   ASSERT_TRUE(farm && mill);
-  const std::string id = Upload(*farm, TorusGlb(6));
-  ASSERT_EQ(Send("mill", TorusGlb(6)), id);
-  v1::DeleteMeshResponse first, again, last;
-  ASSERT_TRUE(Delete("farm", id, first).ok());
+  const std::string name = Upload(*farm, TorusGlb(6));
+  ASSERT_EQ(Send("mill", TorusGlb(6)), name);
+  v1::ReleaseMeshResponse first, again, last;
+  ASSERT_TRUE(Release("farm", name, first).ok());
   EXPECT_TRUE(first.kept_for_others());
-  EXPECT_EQ(first.freed_bytes(), 0u);
-  EXPECT_TRUE(mill->GetMesh(id).ok());
-  EXPECT_TRUE(absl::IsPermissionDenied(Delete("farm", id, again))) << "its claim is gone";
-  ASSERT_TRUE(Delete("mill", id, last).ok());
+  EXPECT_EQ(first.freed_bytes(), 0);
+  EXPECT_TRUE(mill->GetMesh(name).ok());
+  EXPECT_TRUE(absl::IsPermissionDenied(Release("farm", name, again))) << "its claim is gone";
+  ASSERT_TRUE(Release("mill", name, last).ok());
   EXPECT_FALSE(last.kept_for_others());
-  EXPECT_GT(last.freed_bytes(), 0u);
-  EXPECT_TRUE(absl::IsNotFound(mill->GetMesh(id).status()));
+  EXPECT_GT(last.freed_bytes(), 0);
+  EXPECT_TRUE(absl::IsNotFound(mill->GetMesh(name).status()));
 }
 
 TEST_F(RightsTest, AnAdministratorsDeleteNeedsNoClaim) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const auto farm = As("farm");
   ASSERT_TRUE(farm);
-  const std::string id = Upload(*farm, TorusGlb(6));
+  const std::string name = Upload(*farm, TorusGlb(6));
+  ASSERT_EQ(Send("mill", TorusGlb(6)), name);
+  v1::ReleaseMeshResponse released;
+  EXPECT_TRUE(absl::IsPermissionDenied(Release("boss", name, released))) << "a release does";
   v1::DeleteMeshResponse deleted;
-  ASSERT_TRUE(Delete("boss", id, deleted).ok());
-  EXPECT_FALSE(deleted.kept_for_others());
-  EXPECT_TRUE(absl::IsNotFound(farm->GetMesh(id).status()));
+  ASSERT_TRUE(Delete("boss", name, deleted).ok());
+  EXPECT_GT(deleted.freed_bytes(), 0);
+  EXPECT_TRUE(absl::IsNotFound(farm->GetMesh(name).status())) << "whoever has claims";
+  EXPECT_TRUE(absl::IsNotFound(Delete("boss", name, deleted)));
+}
+
+TEST_F(RightsTest, OnlyAnAdministratorDeletes) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const auto farm = As("farm");
+  ASSERT_TRUE(farm);
+  const std::string name = Upload(*farm, TorusGlb(6));
+  v1::DeleteMeshResponse deleted;
+  // Not even its own, and nobody learns by it what there is.
+  for (const std::string& any : {name, "meshes/" + std::string(64, 'a'), std::string("no name")}) {
+    for (const char* client : {"farm", "mill", "eye"}) {
+      const absl::Status refused = Delete(client, any, deleted);
+      EXPECT_TRUE(absl::IsPermissionDenied(refused)) << client << " " << any << ": " << refused;
+    }
+  }
+  EXPECT_TRUE(farm->GetMesh(name).ok());
+  v1::ReleaseMeshResponse released;
+  EXPECT_TRUE(absl::IsPermissionDenied(Release("eye", name, released))) << "a monitor has no meshes";
+}
+
+TEST_F(RightsTest, AListHasTheOwnClaimsAndOfAnAdministratorAll) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  std::vector<std::string> names;
+  for (int i = 0; i < 5; ++i) names.push_back(Send(i % 2 == 0 ? "farm" : "mill", TorusGlb(6 + i)));
+  ASSERT_EQ(Send("mill", TorusGlb(6)), names[0]);  // both have a claim on the oldest
+  EXPECT_THAT(List("farm"), ElementsAre(names[4], names[2], names[0]));
+  EXPECT_THAT(List("mill"), ElementsAre(names[3], names[1], names[0]));
+  EXPECT_THAT(List("boss"), ElementsAre(names[4], names[3], names[2], names[1], names[0]));
+  v1::ReleaseMeshResponse released;
+  ASSERT_TRUE(Release("farm", names[0], released).ok());
+  ASSERT_TRUE(Release("farm", names[4], released).ok());
+  EXPECT_THAT(List("farm"), ElementsAre(names[2]));
+  EXPECT_THAT(List("mill"), ElementsAre(names[3], names[1], names[0]));
+  EXPECT_THAT(List("boss"), ElementsAre(names[3], names[2], names[1], names[0]));
+  grpc::ClientContext context;
+  Set(context, "eye");
+  v1::ListMeshesResponse page;
+  EXPECT_EQ(stub_->ListMeshes(&context, {}, &page).error_code(), grpc::StatusCode::PERMISSION_DENIED);
 }
 
 TEST_F(RightsTest, JobsOfAStreamCountAsCallsDo) {
   ASSERT_NO_FATAL_FAILURE(Start());
   grpc::ClientContext context;
   Set(context, "few");
-  const auto stream = stub_->VoxelizeMany(&context);
-  const std::vector<uint8_t> glb = TorusGlb(6);
-  v1::VoxelizeManyRequest all;
-  for (uint64_t id = 1; id <= 7; ++id) {
-    v1::VoxelizeManyRequest& item = id == 1 ? all : *all.add_more();
-    item.set_id(id);
-    *item.mutable_config() = MakeConfig(SmallRequest(), MeshFormat::kGlb);
-    item.set_mesh(glb.data(), glb.size());
-  }
+  const auto stream = stub_->VoxelizeBatch(&context);
+  v1::VoxelizeBatchRequest all;
+  for (uint64_t id = 1; id <= 7; ++id) *all.add_jobs() = JobOf(id, RequestOf(SmallRequest(), TorusGlb(6)));
   ASSERT_TRUE(stream->Write(all));
   stream->WritesDone();
-  int done = 0, refused = 0;
-  v1::VoxelizeManyResponse response;
-  while (stream->Read(&response)) {
-    if (response.has_whole()) ++done;
-    if (!response.has_error()) continue;
-    ++refused;
-    EXPECT_EQ(response.error().code(), int(grpc::StatusCode::RESOURCE_EXHAUSTED));
-    bool retry = false, quota = false;
-    for (const auto& detail : response.error().details()) {
-      retry = retry || detail.Is<google::rpc::RetryInfo>();
-      quota = quota || detail.Is<google::rpc::QuotaFailure>();
-    }
-    EXPECT_TRUE(retry && quota);
-  }
+  std::map<uint64_t, Received> jobs;
+  for (v1::VoxelizeBatchResponse response; stream->Read(&response);) Add(response, jobs);
   EXPECT_TRUE(stream->Finish().ok()) << "the stream goes on";
+  int done = 0, refused = 0;
+  for (const auto& [id, job] : jobs) {
+    if (job.in_one_message) ++done;
+    if (job.status.ok()) continue;
+    ++refused;
+    EXPECT_EQ(job.status.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
+    EXPECT_EQ(ReasonOf(job.status), "QUOTA_EXCEEDED");
+    EXPECT_GT(DetailOf<google::rpc::RetryInfo>(job.status).retry_delay().seconds(), 0);
+    EXPECT_EQ(DetailOf<google::rpc::QuotaFailure>(job.status).violations(0).subject(), "client:few");
+  }
   EXPECT_EQ(done, 4) << "as many as there are calls at once";
   EXPECT_EQ(refused, 3);
 
@@ -251,7 +311,7 @@ TEST_F(RightsTest, AnEqualRequestGetsTheBestPlaceOfAllThatWait) {
       Start({"--workers", "1", "--threads", "1", "--backend", "cpu", "--giant-job-ms", "100000000"}));
   const auto farm = As("farm"), mill = As("mill");
   ASSERT_TRUE(farm && mill);
-  const std::string id = Upload(*farm, LargeTrianglesGlb(LessIfSlow(300)));
+  const std::string name = Upload(*farm, LargeTrianglesGlb(LessIfSlow(300)));
   const std::string endless = Upload(*farm, LargeTrianglesGlb(20'000));
   const auto queued = [&] {
     const std::string metrics = HttpGet(*server_->http_address(), "/metrics");
@@ -275,14 +335,14 @@ TEST_F(RightsTest, AnEqualRequestGetsTheBestPlaceOfAllThatWait) {
   const auto ask = [&](Client& client, int64_t resolution) {
     VoxelizeRequest request = SlowRequest();
     request.grid.resolution = resolution;
-    return client.VoxelizeStored(id, request, job);
+    return client.VoxelizeStored(name, request, job);
   };
   std::vector<std::future<absl::StatusOr<RemoteResult>>> others;
   for (int i = 0; i < 5; ++i) others.push_back(std::async(std::launch::async, [&, i] { return ask(*farm, 250 + i); }));
   ASSERT_TRUE(wait_for([&] { return queued() == 5; }));
   auto same = std::async(std::launch::async, [&] { return ask(*farm, 256); });
   ASSERT_TRUE(wait_for([&] { return queued() == 6; }));
-  const auto uses = [&] { return mill->GetMesh(id).value_or(StoredMesh{}).uses; };
+  const auto uses = [&] { return mill->GetMesh(name).value_or(StoredMesh{}).uses; };
   const uint64_t uses_before = uses();
   auto joined = std::async(std::launch::async, [&] { return ask(*mill, 256); });
   ASSERT_TRUE(wait_for([&] { return uses() > uses_before; }));
@@ -312,7 +372,7 @@ TEST_F(RightsTest, AnEqualRequestIsNotRefusedForAnothersShare) {
       {"--workers", "1", "--threads", "1", "--backend", "cpu", "--max-queue", "20", "--giant-job-ms", "100000000"}));
   const auto farm = As("farm"), mill = As("mill");
   ASSERT_TRUE(farm && mill);
-  const std::string id = Upload(*farm, LargeTrianglesGlb(20'000));
+  const std::string name = Upload(*farm, LargeTrianglesGlb(20'000));
   std::vector<std::unique_ptr<JobContext>> jobs;
   std::vector<std::future<absl::Status>> calls;
   std::promise<void> holds;
@@ -321,7 +381,7 @@ TEST_F(RightsTest, AnEqualRequestIsNotRefusedForAnothersShare) {
     return std::async(std::launch::async, [&, resolution, on_plan, job = jobs.back().get()] {
       VoxelizeRequest request = SlowRequest();
       request.grid.resolution = resolution;
-      return client.VoxelizeStored(id, request, *job, {}, on_plan).status();
+      return client.VoxelizeStored(name, request, *job, {}, on_plan).status();
     });
   };
   calls.push_back(ask(*farm, 256, [&](const Plan&) { holds.set_value(); }));
@@ -386,9 +446,11 @@ TEST_F(RightsTest, ARefusedCallersLineNamesTheClient) {
   ASSERT_TRUE(farm && eye);
   const JobContext job;
   EXPECT_TRUE(absl::IsPermissionDenied(eye->Voxelize(TorusGlb(6), MeshFormat::kGlb, SmallRequest(), job).status()));
-  const std::string id = Upload(*farm, TorusGlb(6));
+  const std::string name = Upload(*farm, TorusGlb(6));
+  v1::ReleaseMeshResponse released;
+  EXPECT_TRUE(absl::IsPermissionDenied(Release("mill", name, released)));
   v1::DeleteMeshResponse deleted;
-  EXPECT_TRUE(absl::IsPermissionDenied(Delete("mill", id, deleted)));
+  EXPECT_TRUE(absl::IsPermissionDenied(Delete("mill", name, deleted)));
   server_->Signal(SIGTERM);
   ASSERT_TRUE(server_->Wait().ok());
   std::ifstream log(folder_ + "/server.log");
@@ -396,9 +458,10 @@ TEST_F(RightsTest, ARefusedCallersLineNamesTheClient) {
   for (std::string line; std::getline(log, line);) {
     if (line.find("code=PERMISSION_DENIED") != std::string::npos) denied.push_back(line);
   }
-  ASSERT_EQ(denied.size(), 2u);
+  ASSERT_EQ(denied.size(), 3u);
   EXPECT_THAT(denied[0], HasSubstr(" client=eye "));
   EXPECT_THAT(denied[1], HasSubstr(" client=mill "));
+  EXPECT_THAT(denied[2], HasSubstr(" client=mill "));
 }
 
 }  // namespace

@@ -15,12 +15,12 @@
 #include "gtest/gtest.h"
 #include "service/support/background_call.h"
 #include "service/support/effort.h"
+#include "service/support/messages.h"
 #include "service/support/raw_client.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
-#include "wire/request.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -146,14 +146,11 @@ TEST(ShutdownTest, AnUnfinishedUploadDoesNotHoldItUp) {
   const std::unique_ptr<ServerProcess> server =
       StartServer({"--log-level", "error", "--lame-duck-ms", "0", "--drain-grace-ms", "300"});
   ASSERT_NE(server, nullptr);
-  const auto stub =
-      v1::VoxelizationService::NewStub(grpc::CreateChannel(server->address(), grpc::InsecureChannelCredentials()));
+  const auto stub = StubOf(*server);
   grpc::ClientContext context;
   context.set_deadline(std::chrono::system_clock::now() + kPatience);
-  const auto stream = stub->Voxelize(&context);
-  v1::VoxelizeRequest message;
-  *message.mutable_config() = MakeConfig(SmallRequest(), MeshFormat::kGlb);
-  ASSERT_TRUE(stream->Write(message));
+  const auto stream = stub->VoxelizeUpload(&context);
+  ASSERT_TRUE(stream->Write(UploadOf(RequestOf(SmallRequest()))));
   server->Signal(SIGTERM);
   const absl::StatusOr<CommandResult> end = server->Wait(std::chrono::seconds(20));
   ASSERT_TRUE(end.ok()) << end.status();
@@ -177,14 +174,11 @@ TEST(ShutdownTest, AKilledServerLeavesNobodyWaiting) {
     ASSERT_TRUE(health.WaitUntilServing());
     const std::unique_ptr<Client> client = ConnectTo(*server), other = ConnectTo(*server);
     ASSERT_TRUE(client != nullptr && other != nullptr);
-    const auto stub =
-        v1::VoxelizationService::NewStub(grpc::CreateChannel(server->address(), grpc::InsecureChannelCredentials()));
+    const auto stub = StubOf(*server);
     grpc::ClientContext context;
     context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    const auto upload = stub->Voxelize(&context);
-    v1::VoxelizeRequest message;
-    *message.mutable_config() = MakeConfig(SmallRequest(), MeshFormat::kGlb);
-    ASSERT_TRUE(upload->Write(message));
+    const auto upload = stub->VoxelizeUpload(&context);
+    ASSERT_TRUE(upload->Write(UploadOf(RequestOf(SmallRequest()))));
     std::vector<std::unique_ptr<BackgroundCall>> calls;
     calls.push_back(std::make_unique<BackgroundCall>(*client, small, large));
     if (round % 2 == 0) {

@@ -13,6 +13,7 @@
 namespace voxelpipe::testing {
 
 inline constexpr char kVoxelizeMethod[] = "/voxelpipe.v1.VoxelizationService/Voxelize";
+inline constexpr char kUploadMethod[] = "/voxelpipe.v1.VoxelizationService/VoxelizeUpload";
 
 // The bytes of HTTP/2 (RFC 9113) and of gRPC's messages in it.
 namespace http2 {

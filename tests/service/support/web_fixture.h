@@ -13,12 +13,12 @@
 
 #include "gtest/gtest.h"
 #include "service/support/http_get.h"
+#include "service/support/messages.h"
 #include "service/support/server_process.h"
 #include "service/support/web_client.h"
 #include "support/json/json.h"
 #include "support/resources/temporary_directory.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
-#include "wire/request.h"
 
 namespace voxelpipe::testing {
 
@@ -53,11 +53,8 @@ class WebServerTest : public ::testing::Test {
     return BecomesTrue([&] { return Log().find(text) != std::string::npos; });
   }
 
-  static v1::VoxelizeMeshRequest Message(const std::vector<uint8_t>& mesh, const VoxelizeRequest& request) {
-    v1::VoxelizeMeshRequest message;
-    *message.mutable_config() = MakeConfig(request, MeshFormat::kGlb);
-    message.set_mesh(mesh.data(), mesh.size());
-    return message;
+  static v1::VoxelizeRequest Message(const std::vector<uint8_t>& mesh, const VoxelizeRequest& request) {
+    return RequestOf(request, mesh);
   }
 
   const TemporaryDirectory directory_;

@@ -18,19 +18,15 @@ namespace {
 
 using ::testing::HasSubstr;
 
-constexpr char kCancelledCalls[] = "voxelpipe_calls_total{code=\"CANCELLED\",method=\"VoxelizeMesh\"}";
+constexpr char kCancelledCalls[] = "voxelpipe_calls_total{code=\"CANCELLED\",method=\"Voxelize\"}";
 
 // The parts of a result that do not depend on time: its header, its bytes, their hash. Where its pieces end does.
 std::string Bytes(const std::vector<v1::VoxelizeResponse>& messages) {
   std::string bytes;
   for (const v1::VoxelizeResponse& message : messages) {
-    const v1::WholeResult& whole = message.whole();
-    if (message.has_header() || message.has_whole()) {
-      bytes += (message.has_header() ? message.header() : whole.header()).SerializeAsString();
-    }
-    bytes += message.piece().data();
-    for (const v1::ResultPiece& piece : whole.pieces()) bytes += piece.data();
-    bytes += message.summary().content_sha256() + whole.summary().content_sha256();
+    if (message.has_header()) bytes += message.header().SerializeAsString();
+    for (const v1::ResultPiece& piece : message.pieces()) bytes += piece.data();
+    bytes += message.summary().content_sha256();
   }
   return bytes;
 }
@@ -43,20 +39,20 @@ std::vector<v1::VoxelizeResponse> Parsed(const std::vector<std::string>& message
 
 class BridgeTest : public WebServerTest {
  protected:
-  std::vector<v1::VoxelizeResponse> OverGrpc(const v1::VoxelizeMeshRequest& request) {
+  std::vector<v1::VoxelizeResponse> OverGrpc(const v1::VoxelizeRequest& request) {
     const auto stub =
         v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
     grpc::ClientContext context;
-    const auto stream = stub->VoxelizeMesh(&context, request);
+    const auto stream = stub->Voxelize(&context, request);
     std::vector<v1::VoxelizeResponse> messages;
     for (v1::VoxelizeResponse message; stream->Read(&message);) messages.push_back(message);
     EXPECT_TRUE(stream->Finish().ok());
     return messages;
   }
   // A call that runs until it is ended.
-  v1::VoxelizeMeshRequest Endless() const { return Message(LargeTrianglesGlb(20'000), SlowRequest()); }
-  std::string PostOf(const v1::VoxelizeMeshRequest& request) const {
-    return HttpRequest(web_, "POST", WebMethod("VoxelizeMesh"), {{"Content-Type", "application/grpc-web"}},
+  v1::VoxelizeRequest Endless() const { return Message(LargeTrianglesGlb(20'000), SlowRequest()); }
+  std::string PostOf(const v1::VoxelizeRequest& request) const {
+    return HttpRequest(web_, "POST", WebMethod("Voxelize"), {{"Content-Type", "application/grpc-web"}},
                        WebFrame(request.SerializeAsString()));
   }
 };
@@ -72,8 +68,8 @@ TEST_F(BridgeTest, ResultsHaveTheSameBytesAsOverGrpc) {
   VoxelizeRequest sparse = large;
   sparse.result = ResultKind::kSparse;
   for (const VoxelizeRequest& request : {small, large, sparse}) {
-    const v1::VoxelizeMeshRequest message = Message(TorusGlb(24), request);
-    const WebReplyOfCall web = CallWeb(web_, "VoxelizeMesh", message.SerializeAsString());
+    const v1::VoxelizeRequest message = Message(TorusGlb(24), request);
+    const WebReplyOfCall web = CallWeb(web_, "Voxelize", message.SerializeAsString());
     EXPECT_EQ(web.http.code, 200);
     EXPECT_EQ(web.http.Header("content-type"), "application/grpc-web+proto");
     EXPECT_TRUE(web.http.complete);
@@ -94,22 +90,48 @@ TEST_F(BridgeTest, UnaryCalls) {
   ASSERT_TRUE(response.ParseFromString(shaders.messages[0]));
   EXPECT_GT(response.shaders_size(), 5);
 
+  const v1::VoxelizeRequest request = Message(TorusGlb(8), SmallRequest());
   v1::EstimateVoxelizationRequest estimate;
-  *estimate.mutable_config() = MakeConfig(SmallRequest(), MeshFormat::kGlb);
-  const std::vector<uint8_t> torus = TorusGlb(8);
-  estimate.set_mesh_bytes(torus.data(), torus.size());
+  *estimate.mutable_mesh() = request.mesh();
+  *estimate.mutable_spec() = request.spec();
   const WebReplyOfCall plan = CallWeb(web_, "EstimateVoxelization", estimate.SerializeAsString());
   EXPECT_EQ(plan.status, 0);
   v1::EstimateVoxelizationResponse estimated;
   ASSERT_EQ(plan.messages.size(), 1u);
   ASSERT_TRUE(estimated.ParseFromString(plan.messages[0]));
-  EXPECT_EQ(estimated.mesh().triangles(), 128u);
+  EXPECT_EQ(estimated.report().triangles(), 128);
+}
+
+TEST_F(BridgeTest, AStoredMeshIsNamedByLaterRequests) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  v1::VoxelizeRequest request = Message(TorusGlb(24), SmallRequest());
+  const std::string of_bytes = Bytes(Parsed(CallWeb(web_, "Voxelize", request.SerializeAsString()).messages));
+  v1::CreateMeshRequest create;
+  *create.mutable_mesh() = request.mesh().bytes();
+  v1::Mesh mesh;
+  for (const bool stored_before : {false, true}) {
+    const WebReplyOfCall created = CallWeb(web_, "CreateMesh", create.SerializeAsString());
+    ASSERT_EQ(created.status, 0) << created.trailers;
+    ASSERT_EQ(created.messages.size(), 1u);
+    ASSERT_TRUE(mesh.ParseFromString(created.messages[0]));
+    EXPECT_EQ(mesh.already_stored(), stored_before);
+  }
+  request.mutable_mesh()->mutable_stored()->set_name(mesh.name());
+  const WebReplyOfCall voxels = CallWeb(web_, "Voxelize", request.SerializeAsString());
+  EXPECT_EQ(voxels.status, 0) << voxels.trailers;
+  EXPECT_GT(of_bytes.size(), 500u);
+  EXPECT_TRUE(Bytes(Parsed(voxels.messages)) == of_bytes);
+
+  v1::ReleaseMeshRequest release;
+  release.set_name(mesh.name());
+  EXPECT_EQ(CallWeb(web_, "ReleaseMesh", release.SerializeAsString()).status, 0);
+  EXPECT_EQ(CallWeb(web_, "Voxelize", request.SerializeAsString()).status, int(grpc::StatusCode::NOT_FOUND));
 }
 
 TEST_F(BridgeTest, ErrorsAreTrailersWithTheirDetails) {
   ASSERT_NO_FATAL_FAILURE(Start());
   v1::GetMeshRequest request;
-  request.set_mesh_id(std::string(64, 'a'));
+  request.set_name("meshes/" + std::string(64, 'a'));
   const WebReplyOfCall missing = CallWeb(web_, "GetMesh", request.SerializeAsString());
   EXPECT_EQ(missing.http.code, 200);
   EXPECT_EQ(missing.status, int(grpc::StatusCode::NOT_FOUND));
@@ -119,10 +141,10 @@ TEST_F(BridgeTest, ErrorsAreTrailersWithTheirDetails) {
 
   EXPECT_EQ(CallWeb(web_, "GetMesh", "\xff\xff").status, int(grpc::StatusCode::INVALID_ARGUMENT));
   EXPECT_EQ(CallWeb(web_, "Nothing", "").status, int(grpc::StatusCode::UNIMPLEMENTED));
-  for (const char* const streams : {"Voxelize", "VoxelizeMany", "UploadMesh"}) {
+  for (const char* const streams : {"VoxelizeUpload", "VoxelizeBatch", "UploadMesh"}) {
     const WebReplyOfCall refused = CallWeb(web_, streams, "");
     EXPECT_EQ(refused.status, int(grpc::StatusCode::UNIMPLEMENTED));
-    EXPECT_THAT(refused.trailers, HasSubstr("VoxelizeMesh takes a mesh in one message"));
+    EXPECT_THAT(refused.trailers, HasSubstr("Voxelize and CreateMesh take a mesh in one message"));
   }
 }
 
@@ -152,11 +174,11 @@ TEST_F(BridgeTest, FramesThatAreNone) {
 TEST_F(BridgeTest, ABodyBeyondTheLimitIsRefusedBeforeItIsRead) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const WebConnection connection(web_);
-  ASSERT_TRUE(connection.Send("POST " + WebMethod("VoxelizeMesh") + " HTTP/1.1\r\nHost: " + web_ +
+  ASSERT_TRUE(connection.Send("POST " + WebMethod("Voxelize") + " HTTP/1.1\r\nHost: " + web_ +
                               "\r\nContent-Type: application/grpc-web\r\nContent-Length: 67108870\r\n\r\n"));
   const WebReplyOfCall refused = ParseWebReply(connection.ReadReply());
   EXPECT_EQ(refused.status, int(grpc::StatusCode::RESOURCE_EXHAUSTED));
-  EXPECT_THAT(refused.trailers, HasSubstr("larger meshes go through gRPC's Voxelize"));
+  EXPECT_THAT(refused.trailers, HasSubstr("larger meshes go through gRPC's VoxelizeUpload"));
 }
 
 TEST_F(BridgeTest, ChunkedBodies) {
@@ -181,7 +203,7 @@ TEST_F(BridgeTest, AClientThatHangsUpEndsItsJob) {
 
 TEST_F(BridgeTest, ADeadlineEndsTheCall) {
   ASSERT_NO_FATAL_FAILURE(Start({"--threads", "1", "--workers", "1"}));
-  const WebReplyOfCall late = CallWeb(web_, "VoxelizeMesh", Endless().SerializeAsString(), {{"grpc-timeout", "300m"}});
+  const WebReplyOfCall late = CallWeb(web_, "Voxelize", Endless().SerializeAsString(), {{"grpc-timeout", "300m"}});
   EXPECT_EQ(late.status, int(grpc::StatusCode::DEADLINE_EXCEEDED));
 }
 
@@ -196,9 +218,9 @@ TEST_F(BridgeTest, AClientThatReadsNothingIsDisconnected) {
   const WebConnection connection(web_, 4096);
   ASSERT_TRUE(connection.Send(PostOf(Message(TorusGlb(6), large))));
   EXPECT_TRUE(BecomesTrue([&] {
-    return Sample("voxelpipe_calls_in_flight{method=\"VoxelizeMesh\"}") == 0 &&
-           Sample("voxelpipe_calls_total{code=\"OK\",method=\"VoxelizeMesh\"}") <= 0 &&
-           Log().find("method=VoxelizeMesh") != std::string::npos;
+    return Sample("voxelpipe_calls_in_flight{method=\"Voxelize\"}") == 0 &&
+           Sample("voxelpipe_calls_total{code=\"OK\",method=\"Voxelize\"}") <= 0 &&
+           Log().find("method=Voxelize") != std::string::npos;
   })) << Log();
   HttpReply cut = connection.ReadReply();
   EXPECT_FALSE(cut.complete);
@@ -214,7 +236,7 @@ TEST_F(BridgeTest, ADrainingServerAnswersWhatRuns) {
   request.targets[0].shader = {"barycentric", {}};
   const WebConnection connection(web_);
   ASSERT_TRUE(connection.Send(PostOf(Message(LargeTrianglesGlb(60), request))));
-  ASSERT_TRUE(BecomesTrue([&] { return Sample("voxelpipe_calls_in_flight{method=\"VoxelizeMesh\"}") == 1; }));
+  ASSERT_TRUE(BecomesTrue([&] { return Sample("voxelpipe_calls_in_flight{method=\"Voxelize\"}") == 1; }));
   server_->Signal(SIGTERM);
   const WebReplyOfCall answered = ParseWebReply(connection.ReadReply());
   EXPECT_EQ(answered.status, 0) << answered.trailers;

@@ -31,8 +31,10 @@ mesh=$(tr -d '\n' <<END | base64 -w0
 "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}]}
 END
 )
-curl VoxelizeMesh "{\"mesh\": \"$mesh\"}" | grep -q '"contentSha256": "[0-9a-f]\{64\}"'
+curl Voxelize "{\"mesh\": {\"bytes\": {\"data\": \"$mesh\"}}}" | grep -q '"contentSha256": "[0-9a-f]\{64\}"'
+curl CreateMesh "{\"mesh\": {\"data\": \"$mesh\"}}" | grep -q '"name": "meshes/[0-9a-f]\{64\}"'
 # An error of a stream, with its details.
-missing=$(curl VoxelizeMesh "{\"config\": {\"mesh_id\": \"$(printf 'a%.0s' $(seq 64))\"}}" 2>&1 || true)
+name=meshes/$(printf 'a%.0s' $(seq 64))
+missing=$(curl Voxelize "{\"mesh\": {\"stored\": {\"name\": \"$name\"}}}" 2>&1 || true)
 grep -q '"code": "not_found"' <<<"$missing"
 grep -q 'google.rpc.ResourceInfo' <<<"$missing"

@@ -40,7 +40,7 @@ TEST_F(DoorTest, ThePageHasAPolicy) {
   EXPECT_EQ(CodeOf({}, "GET", "/page.js"), 200);
   EXPECT_EQ(CodeOf({}, "PUT", "/"), 405);
   const json facts = ParseJson(Fetch(web_, "GET", "/facts.json").body);
-  EXPECT_EQ(facts["messages"]["VoxelizeMeshRequest"]["mesh"]["number"], v1::VoxelizeMeshRequest::kMeshFieldNumber);
+  EXPECT_EQ(facts["messages"]["VoxelizeRequest"]["mesh"]["number"], v1::VoxelizeRequest::kMeshFieldNumber);
   EXPECT_EQ(facts["enums"]["Coverage"]["COVERAGE_THIN"], int(v1::COVERAGE_THIN));
 }
 
@@ -87,11 +87,11 @@ TEST_F(DoorTest, TokensAreNeededHereToo) {
   ASSERT_NO_FATAL_FAILURE(StartWithTokens());
   EXPECT_EQ(CodeOf({}), 200) << "the page itself needs none";
   const std::string job = Message(TorusGlb(6), SmallRequest()).SerializeAsString();
-  EXPECT_EQ(StatusOf("VoxelizeMesh", {}, job), int(grpc::StatusCode::UNAUTHENTICATED));
-  EXPECT_EQ(StatusOf("VoxelizeMesh", {{"Authorization", "Bearer wrong"}}, job), int(grpc::StatusCode::UNAUTHENTICATED));
-  EXPECT_EQ(StatusOf("VoxelizeMesh", {{"Authorization", "Bearer token-of-the-eye"}}, job),
+  EXPECT_EQ(StatusOf("Voxelize", {}, job), int(grpc::StatusCode::UNAUTHENTICATED));
+  EXPECT_EQ(StatusOf("Voxelize", {{"Authorization", "Bearer wrong"}}, job), int(grpc::StatusCode::UNAUTHENTICATED));
+  EXPECT_EQ(StatusOf("Voxelize", {{"Authorization", "Bearer token-of-the-eye"}}, job),
             int(grpc::StatusCode::PERMISSION_DENIED));
-  EXPECT_EQ(StatusOf("VoxelizeMesh", {{"Authorization", "Bearer token-of-the-farm"}}, job), 0);
+  EXPECT_EQ(StatusOf("Voxelize", {{"Authorization", "Bearer token-of-the-farm"}}, job), 0);
   EXPECT_EQ(Fetch(web_, "POST", "/file?format=npy", {{"Content-Type", "application/x-protobuf"}}, job).code, 401);
 }
 

@@ -11,7 +11,7 @@ const puppeteer = createRequire(path.join(modules, 'x.js'))('puppeteer-core');
 const browser = await puppeteer.launch({
   executablePath, headless: 'shell', args: ['--no-sandbox', '--enable-unsafe-swiftshader'], protocolTimeout: 300_000,
 });
-const seen = {problems: [], foreign: [], files: {}, focus: []};
+const seen = {problems: [], foreign: [], files: {}, focus: [], calls: []};
 try {
   const page = await browser.newPage();
   page.on('pageerror', (error) => seen.problems.push(error.message));
@@ -20,6 +20,10 @@ try {
   });
   page.on('request', (request) => {
     if (!request.url().startsWith(url) && !/^(data|blob):/.test(request.url())) seen.foreign.push(request.url());
+  });
+  const calls = []; // names of methods, and "file"
+  page.on('request', (request) => {
+    if (request.method() === 'POST') calls.push(new URL(request.url()).pathname.split('/').pop());
   });
   const text = (id) => page.$eval(`#${id}`, (element) => element.textContent);
   const set = (id, value) => page.$eval(`#${id}`, (element, v) => {
@@ -64,6 +68,7 @@ try {
   seen.state = await state('done', 'failed');
   seen.error = await text('error');
   seen.summary = await text('summary');
+  seen.calls = calls.slice(calls.indexOf('CreateMesh')).filter((name) => name !== 'EstimateVoxelization');
   if (await page.$('#voxels canvas')) {
     seen.faces = await page.$eval('#voxels', (element) => element.dataset.faces);
     await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
@@ -93,7 +98,10 @@ try {
   }
 
   await set('resolution', '1500');
+  await set('fill', 'FILL_NONE');
   await set('format', 'VOXEL_FORMAT_U8');
+  // Neither a fast machine nor a fast network ends the run before the click.
+  await page.emulateNetworkConditions({download: 1024, upload: 1 << 20, latency: 0});
   await page.click('#run');
   await state('running');
   await page.waitForFunction(() => document.getElementById('stage').textContent !== 'done', {timeout: 30_000});

@@ -12,6 +12,7 @@
 
 #include <grpcpp/support/status.h>
 
+#include "absl/strings/escaping.h"
 #include "encode/format_registry.h"
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
@@ -59,6 +60,13 @@ class FileTest : public WebServerTest {
     EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
     return path;
   }
+  static v1::Summary SummaryOf(const HttpReply& reply) {
+    std::string bytes;
+    v1::Summary summary;
+    EXPECT_TRUE(absl::Base64Unescape(reply.Header("voxelpipe-summary-bin"), &bytes) && summary.ParseFromString(bytes))
+        << reply.Header("voxelpipe-summary-bin");
+    return summary;
+  }
   bool NothingIsLeft() const {
     return BecomesTrue([&] { return fs::is_empty(folder_ + "/tmp"); });
   }
@@ -96,8 +104,8 @@ TEST_F(FileTest, WhatTheRequestLeavesOpenFollowsTheFormatAsInTheCommandLine) {
   request.grid.resolution = 24;
   request.fill = Fill::kParity;
   auto message = Message(torus_, request);
-  message.mutable_config()->clear_targets();
-  message.mutable_config()->clear_result();
+  message.mutable_spec()->clear_targets();
+  message.mutable_spec()->clear_result();
   for (const char* const format : {"npy", "png", "vox", "glb"}) {
     const HttpReply reply = FileOf(format, message.SerializeAsString());
     ASSERT_EQ(reply.code, 200) << format << ": " << reply.body;
@@ -163,9 +171,9 @@ TEST_F(FileTest, RefusesWhatItCannotMake) {
   VoxelizeRequest sparse = SmallRequest();
   sparse.result = ResultKind::kSparse;
   EXPECT_THAT(FileOf("npy", sparse).body, HasSubstr(".npy holds dense results"));
-  v1::VoxelizeMeshRequest compressed = Message(torus_, SmallRequest());
-  compressed.mutable_config()->set_compression(v1::COMPRESSION_ZSTD);
-  EXPECT_THAT(FileOf("npy", compressed.SerializeAsString()).body, HasSubstr("config.compression"));
+  v1::VoxelizeRequest compressed = Message(torus_, SmallRequest());
+  compressed.mutable_delivery()->set_compression(v1::COMPRESSION_ZSTD);
+  EXPECT_THAT(FileOf("npy", compressed.SerializeAsString()).body, HasSubstr("compression: a file needs NONE"));
   EXPECT_EQ(FileOf("npz", sparse).code, 200);
   EXPECT_TRUE(NothingIsLeft());
 }
@@ -178,11 +186,46 @@ TEST_F(FileTest, WarningsAreHeaders) {
       "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA\"}],"
       R"("bufferViews":[{"buffer":0,"byteLength":36}],
          "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}]})";
-  v1::VoxelizeMeshRequest message;
-  message.set_mesh(bare);
+  v1::VoxelizeRequest message;
+  message.mutable_mesh()->mutable_bytes()->set_data(bare);
   const HttpReply reply = FileOf("npy", message.SerializeAsString());
   EXPECT_EQ(reply.code, 200) << reply.body;
   EXPECT_THAT(reply.Header("voxelpipe-warning"), HasSubstr("scene"));
+  const v1::Summary summary = SummaryOf(reply);
+  ASSERT_EQ(summary.warnings_size(), 1);
+  EXPECT_EQ(summary.warnings(0).code(), v1::WARNING_CODE_NO_SCENE);
+  EXPECT_EQ(summary.warnings_left_out(), 0);
+}
+
+TEST_F(FileTest, TheSummaryOfTheCallIsAHeader) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const HttpReply reply = FileOf("npy", SmallRequest());
+  ASSERT_EQ(reply.code, 200) << reply.body;
+  const v1::Summary summary = SummaryOf(reply);
+  EXPECT_EQ(summary.stats().triangles(), 512);
+  EXPECT_GT(summary.stats().occupied(), 100);
+  EXPECT_GT(summary.stats().voxelize_time().seconds() + summary.stats().voxelize_time().nanos(), 0);
+  EXPECT_EQ(summary.stats().backend(), v1::BACKEND_CPU);
+  EXPECT_EQ(summary.warnings_size(), 0);
+}
+
+TEST_F(FileTest, OfAStoredMesh) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  v1::VoxelizeRequest request = Message(torus_, SmallRequest());
+  const HttpReply of_bytes = FileOf("npy", request.SerializeAsString());
+  v1::CreateMeshRequest create;
+  *create.mutable_mesh() = request.mesh().bytes();
+  v1::Mesh mesh;
+  const WebReplyOfCall created = CallWeb(web_, "CreateMesh", create.SerializeAsString());
+  ASSERT_TRUE(created.messages.size() == 1 && mesh.ParseFromString(created.messages[0])) << created.trailers;
+  request.mutable_mesh()->mutable_stored()->set_name(mesh.name());
+  const HttpReply reply = FileOf("npy", request.SerializeAsString());
+  EXPECT_EQ(reply.code, 200) << reply.body;
+  EXPECT_TRUE(reply.body == of_bytes.body);
+  request.mutable_mesh()->mutable_stored()->set_name("meshes/" + std::string(64, 'a'));
+  const HttpReply missing = FileOf("npy", request.SerializeAsString());
+  EXPECT_EQ(missing.code, 404);
+  EXPECT_EQ(missing.Header("grpc-status"), std::to_string(int(grpc::StatusCode::NOT_FOUND)));
 }
 
 TEST_F(FileTest, WhatAFormatDoesNotHoldIsAHeaderAndFailsAStrictRequest) {
@@ -195,6 +238,7 @@ TEST_F(FileTest, WhatAFormatDoesNotHoldIsAHeaderAndFailsAStrictRequest) {
   const HttpReply reply = FileOf("vox", request);
   EXPECT_EQ(reply.code, 200) << reply.body;
   EXPECT_THAT(reply.Header("voxelpipe-warning"), HasSubstr("not every target"));
+  EXPECT_EQ(SummaryOf(reply).warnings(0).code(), v1::WARNING_CODE_NOT_KEPT);
   request.strict = true;
   const HttpReply refused = FileOf("vox", request);
   EXPECT_EQ(refused.code, 400) << refused.body;
@@ -202,13 +246,13 @@ TEST_F(FileTest, WhatAFormatDoesNotHoldIsAHeaderAndFailsAStrictRequest) {
 }
 
 TEST_F(FileTest, FilesBeyondTheLimitAreRefused) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--web-file-bytes", "100000"}));
+  ASSERT_NO_FATAL_FAILURE(Start({"--export-bytes", "100000"}));
   VoxelizeRequest request = SmallRequest();
   EXPECT_EQ(FileOf("npy", request).code, 200);
   request.grid.resolution = 256;
   HttpReply reply = FileOf("raw", request);
   EXPECT_EQ(reply.code, 429) << "the result alone is larger";
-  EXPECT_THAT(reply.body, HasSubstr("--web-file-bytes"));
+  EXPECT_THAT(reply.body, HasSubstr("--export-bytes"));
   request.grid.resolution = 80;
   reply = FileOf("npy", request);
   EXPECT_EQ(reply.code, 429) << "bits fit, bytes do not";

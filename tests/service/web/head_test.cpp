@@ -34,7 +34,7 @@ class HeadTest : public TokenServerTest {
     std::string head = HttpRequest(web_, "POST", path, headers);
     return head.insert(head.size() - 2, body + "\r\n");
   }
-  std::string Method(const HttpHeaders& more, const std::string& name = "VoxelizeMesh") const {
+  std::string Method(const HttpHeaders& more, const std::string& name = "Voxelize") const {
     return Head(WebMethod(name), kFramed, more);
   }
   // The answer to the head alone.
@@ -49,12 +49,12 @@ class HeadTest : public TokenServerTest {
         v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
     grpc::ClientContext context;
     context.AddMetadata("authorization", kFarm);
-    const auto stream = stub->VoxelizeMesh(&context, Message(TorusGlb(6), SmallRequest()));
+    const auto stream = stub->Voxelize(&context, Message(TorusGlb(6), SmallRequest()));
     for (v1::VoxelizeResponse message; stream->Read(&message);) continue;
     return stream->Finish();
   }
   double Calls(const std::string& code) {
-    return Sample("voxelpipe_calls_total{code=\"" + code + "\",method=\"VoxelizeMesh\"}");
+    return Sample("voxelpipe_calls_total{code=\"" + code + "\",method=\"Voxelize\"}");
   }
 };
 
@@ -71,7 +71,7 @@ TEST_F(HeadTest, TheTokenComesBeforeTheBody) {
       {{{"Authorization", "Bearer token-of-the-eye"}},
        grpc::StatusCode::PERMISSION_DENIED,
        403,
-       "the role monitor of eye may not call VoxelizeMesh"},
+       "the role monitor of eye may not call Voxelize"},
   };
   for (const auto& [headers, status, code, text] : refused) {
     const WebReplyOfCall call = ParseWebReply(Ask(Method(headers)));
@@ -90,8 +90,8 @@ TEST_F(HeadTest, TheTokenComesBeforeTheBody) {
   EXPECT_EQ(Sample("voxelpipe_refused_total{reason=\"role\"}"), 2);
   EXPECT_EQ(Calls("UNAUTHENTICATED"), 4);
   EXPECT_EQ(Calls("PERMISSION_DENIED"), 2);
-  EXPECT_EQ(Sample("voxelpipe_calls_in_flight{method=\"VoxelizeMesh\"}"), 0);
-  EXPECT_EQ(StatusOf("VoxelizeMesh", {{"Authorization", kFarm}}, Job()), 0);
+  EXPECT_EQ(Sample("voxelpipe_calls_in_flight{method=\"Voxelize\"}"), 0);
+  EXPECT_EQ(StatusOf("Voxelize", {{"Authorization", kFarm}}, Job()), 0);
 }
 
 TEST_F(HeadTest, ARefusedRequestIsLoggedOnce) {
@@ -101,7 +101,7 @@ TEST_F(HeadTest, ARefusedRequestIsLoggedOnce) {
       connection.Send(Method({{"Authorization", "Bearer token-of-the-eye"}, {"x-request-id", "from-the-page"}})));
   EXPECT_EQ(connection.ReadReply().Header("x-request-id"), "from-the-page");
   const nlohmann::json line = CallLine("from-the-page");
-  EXPECT_EQ(line["method"], "VoxelizeMesh");
+  EXPECT_EQ(line["method"], "Voxelize");
   EXPECT_EQ(line["client"], "eye");
   EXPECT_EQ(line["code"], "PERMISSION_DENIED");
   EXPECT_EQ(line["peer"], connection.OwnAddress());
@@ -122,7 +122,7 @@ TEST_F(HeadTest, BodiesOfStrangersTakeNoUploadMemory) {
   }
   EXPECT_TRUE(BecomesTrue([&] { return Calls("UNAUTHENTICATED") == 24; }));
   EXPECT_EQ(Sample("voxelpipe_memory_bytes{budget=\"uploads\"}"), 0);
-  EXPECT_EQ(StatusOf("VoxelizeMesh", {{"Authorization", kFarm}}, Job()), 0);
+  EXPECT_EQ(StatusOf("Voxelize", {{"Authorization", kFarm}}, Job()), 0);
   const grpc::Status status = VoxelizeOverGrpc();
   EXPECT_TRUE(status.ok()) << status.error_message();
   for (std::thread& sender : senders) sender.join();
@@ -131,8 +131,8 @@ TEST_F(HeadTest, BodiesOfStrangersTakeNoUploadMemory) {
 TEST_F(HeadTest, QuotasComeBeforeTheBodyAndAreTakenOnce) {
   ASSERT_NO_FATAL_FAILURE(StartWithTokens());
   const HttpHeaders few = {{"Authorization", "Bearer token-of-the-few"}};
-  EXPECT_EQ(StatusOf("VoxelizeMesh", few, Job()), 0);
-  EXPECT_EQ(StatusOf("VoxelizeMesh", few, Job()), 0);
+  EXPECT_EQ(StatusOf("Voxelize", few, Job()), 0);
+  EXPECT_EQ(StatusOf("Voxelize", few, Job()), 0);
   const WebReplyOfCall third = ParseWebReply(Ask(Method(few)));
   EXPECT_EQ(third.status, int(grpc::StatusCode::RESOURCE_EXHAUSTED));
   EXPECT_THAT(third.trailers, HasSubstr("the quota of calls a second is used up"));
@@ -160,8 +160,8 @@ TEST_F(HeadTest, ClientsThatWaitAreToldToContinueOrNot) {
   const HttpReply stranger = Ask(Head("/file?format=npy", kMessage, {{"Expect", "100-continue"}}));
   EXPECT_EQ(stranger.code, 401) << "not 100";
   const WebConnection owner(web_);
-  ASSERT_TRUE(owner.Send(
-      Head(WebMethod("VoxelizeMesh"), kFramed, {{"Expect", "100-continue"}, {"Authorization", kFarm}}, length)));
+  ASSERT_TRUE(
+      owner.Send(Head(WebMethod("Voxelize"), kFramed, {{"Expect", "100-continue"}, {"Authorization", kFarm}}, length)));
   EXPECT_THAT(owner.Receive(), HasSubstr("HTTP/1.1 100 "));
   ASSERT_TRUE(owner.Send(frame));
   EXPECT_EQ(ParseWebReply(owner.ReadReply()).status, 0);
@@ -201,13 +201,13 @@ TEST_F(HeadTest, ADrainingServerRefusesBeforeTheBody) {
   {
     const WebConnection running(web_);
     ASSERT_TRUE(
-        running.Send(HttpRequest(web_, "POST", WebMethod("VoxelizeMesh"), {{"Content-Type", kFramed}},
+        running.Send(HttpRequest(web_, "POST", WebMethod("Voxelize"), {{"Content-Type", kFramed}},
                                  WebFrame(Message(LargeTrianglesGlb(20'000), SlowRequest()).SerializeAsString()))));
     ASSERT_TRUE(BecomesTrue([&] { return Sample("voxelpipe_running_jobs") == 1; }));
     server_->Signal(SIGTERM);
     ASSERT_TRUE(Logs("draining"));
     EXPECT_TRUE(BecomesTrue([&] {
-      return ParseWebReply(Fetch(web_, "POST", WebMethod("VoxelizeMesh"), {{"Content-Type", kFramed}}, WebFrame("")))
+      return ParseWebReply(Fetch(web_, "POST", WebMethod("Voxelize"), {{"Content-Type", kFramed}}, WebFrame("")))
                  .status == int(grpc::StatusCode::UNAVAILABLE);
     }));
     const HttpReply file = Ask(Head("/file?format=npy", kMessage, {}));
@@ -222,7 +222,7 @@ TEST_F(HeadTest, ADrainingServerRefusesBeforeTheBody) {
 TEST_F(HeadTest, AFullQueueRefusesBeforeTheBody) {
   ASSERT_NO_FATAL_FAILURE(
       Start({"--threads", "1", "--workers", "1", "--max-queue", "1", "--share-equal-jobs", "false"}));
-  const std::string slow = HttpRequest(web_, "POST", WebMethod("VoxelizeMesh"), {{"Content-Type", kFramed}},
+  const std::string slow = HttpRequest(web_, "POST", WebMethod("Voxelize"), {{"Content-Type", kFramed}},
                                        WebFrame(Message(LargeTrianglesGlb(20'000), SlowRequest()).SerializeAsString()));
   const WebConnection running(web_), waiting(web_);
   ASSERT_TRUE(running.Send(slow));

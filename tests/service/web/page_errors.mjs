@@ -13,10 +13,11 @@ fs.writeFileSync(path.join(work, 'package.json'), '{"type": "module"}'); // as t
 for (const name of ['client.js', 'messages.js']) fs.copyFileSync(path.join(page, name), path.join(work, name));
 const {readFacts, Server} = await import(pathToFileURL(path.join(work, 'client.js')));
 
-const server = new Server({messages: {VoxelizeMeshRequest: {}}, enums: {}}, () => '');
+const methods = {Voxelize: {request: 'VoxelizeRequest', response: 'VoxelizeResponse'}};
+const server = new Server({methods, messages: {VoxelizeRequest: {}}, enums: {}}, () => '');
 const WAYS = {
   facts: () => readFacts(),
-  call: () => server.one('VoxelizeMesh', {}),
+  call: () => server.one('Voxelize', {}),
   file: () => server.file('npy', {}),
 };
 const text = (status, body, headers = {}) =>

@@ -1,8 +1,9 @@
 """usage: web_page.py PROGRAMS_DIR SOURCE_DIR WORK_DIR
 
-Gives the page's client answers that are errors (page_errors.mjs), then uses the server's page in a headless Chromium.
-What it downloads must be the bytes that the command line writes for the same request. Exit 77 with the reason
-if Chromium (docker/packages-browser.txt) or npm's packages are missing.
+Tests the page's modules alone (page_errors.mjs, page_mesh.mjs), then uses the server's page in a headless Chromium. The
+mesh must be sent once, and a run must make one call. What the page downloads must be the bytes that the command line
+writes for the same request. Exit 77 with the reason if Chromium (docker/packages-browser.txt) or npm's packages are
+missing.
 """
 import json
 import pathlib
@@ -55,6 +56,7 @@ def check(seen, mesh, folder):
     assert seen["state"] == "done" and seen["error"] == "", seen
     assert re.match(r"\d+ triangles; \d+ x \d+ x \d+ voxels, ", seen["plan"]), seen["plan"]
     assert re.match(r"[1-9]\d* occupied voxels of [1-9]\d* triangles", seen["summary"]), seen["summary"]
+    assert seen["calls"] == ["CreateMesh", "file"], seen["calls"]
     assert not seen["too_wide"], "a phone has to scroll sideways"
     if seen["focus"]:
         order = [seen["focus"].index(name) for name in ("file", "token", "resolution", "fill", "shader", "run")]
@@ -88,8 +90,9 @@ def check(seen, mesh, folder):
 def main():
     WORK.mkdir(parents=True, exist_ok=True)
     if shutil.which("node"):
-        script = SOURCE / "tests/service/web/page_errors.mjs"
-        subprocess.run(["node", script, SOURCE / "server/web/page", WORK / "errors"], check=True)
+        for name in ("page_errors", "page_mesh"):
+            script = SOURCE / f"tests/service/web/{name}.mjs"
+            subprocess.run(["node", script, SOURCE / "server/web/page", WORK / name], check=True)
     browser = next((found for found in map(shutil.which, BROWSERS) if found), None)
     modules, missing = (None, f"none of {', '.join(BROWSERS)} is installed")
     if browser:

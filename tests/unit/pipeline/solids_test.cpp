@@ -262,7 +262,7 @@ TEST(Solids, RefuseWhatHasNoMeaningByTheNameOfTheField) {
                 r.result = ResultKind::kBuckets;
               }),
               HasSubstr("fill: "));
-  EXPECT_THAT(error([](auto& r) { r.targets[0].fill_values = {1, 2}; }), HasSubstr("targets[0].fill_values"));
+  EXPECT_THAT(error([](auto& r) { r.targets[0].fill_values = {1, 2}; }), HasSubstr("targets[0].fill: "));
   EXPECT_THAT(error([](auto& r) { r.targets[0].encoding = Encoding::kSrgb; }), HasSubstr("targets[0].encoding"));
   const auto encoded = [&](Encoding encoding, VoxelFormat format, const char* shader) {
     return [=](auto change) {

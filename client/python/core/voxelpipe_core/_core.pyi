@@ -21,20 +21,20 @@ class HeldMesh:
     """A mesh that stays loaded, for many requests at the same time."""
 
     def describe(self) -> bytes:
-        """A StoredMesh."""
+        """A Mesh."""
 
 def load(
     mesh: Any,
     format: int,
     unit: int,
-    id: str,
+    name: str,
     timeout: float | None,
     progress: Callable[[str, float], None] | None,
 ) -> HeldMesh:
     """Loads a mesh file, whose bytes are not needed later. In: MeshFormat, LengthUnit; otherwise as run()."""
 
 def run(
-    config: bytes,
+    request: bytes,
     mesh: Any,
     timeout: float | None,
     progress: Callable[[str, float], None] | None,
@@ -43,15 +43,15 @@ def run(
 ) -> tuple[bytes, list[Any], bytes]:
     """Runs one request; the GIL is released meanwhile.
 
-    config: a VoxelizeConfig. mesh: a HeldMesh, or a buffer with the bytes of a mesh file that refers to no others.
-    timeout: seconds. progress: called from another thread. positions: of a held mesh: a buffer of float32 x, y, z of
-    each vertex. Out: a ResultHeader, the arrays in stream order as flat bytes that own their memory (numpy, uint8), or
-    DeviceBuffer objects with on_device, a Summary. Errors: Failed; what progress or a signal handler raised, after the
-    job has ended.
+    request: a VoxelizeRequest, of whose mesh only format and unit are read. mesh: a HeldMesh, or a buffer with the
+    bytes of a mesh file that refers to no others. timeout: seconds. progress: called from another thread. positions: of
+    a held mesh: a buffer of float32 x, y, z of each vertex. Out: a ResultHeader, the arrays in stream order as flat
+    bytes that own their memory (numpy, uint8), or DeviceBuffer objects with on_device, a Summary. Errors: Failed; what
+    progress or a signal handler raised, after the job has ended.
     """
 
 def run_all(
-    config: bytes, meshes: list[tuple[Any, int, int]], timeout: float | None
+    request: bytes, meshes: list[tuple[Any, int, int]], timeout: float | None
 ) -> list[tuple[bytes, list[Any], bytes] | bytes]:
     """Runs the same request of many meshes, as batches of the core.
 
@@ -59,7 +59,7 @@ def run_all(
     gives, or its error, a google.rpc.Status as bytes.
     """
 
-def estimate(config: bytes, mesh: Any, timeout: float | None) -> bytes:
+def estimate(request: bytes, mesh: Any, timeout: float | None) -> bytes:
     """The plan of a request: an EstimateVoxelizationResponse. In, errors: as run()."""
 
 def shaders() -> bytes:
@@ -84,17 +84,17 @@ class Format(TypedDict):
 def formats() -> list[Format]:
     """All formats that this build has."""
 
-def not_kept(config: bytes, header: bytes, path: bytes) -> str:
+def not_kept(request: bytes, header: bytes, path: bytes) -> str:
     """What a file would not tell of a result, as one line; empty if nothing is lost.
 
     In: the arguments of write(). Errors: Failed for a format that cannot hold the result, and for a strict request if
     something is lost.
     """
 
-def write(config: bytes, header: bytes, arrays: list[Any], path: bytes) -> None:
+def write(request: bytes, header: bytes, arrays: list[Any], path: bytes) -> None:
     """Writes a result to a file by the writer of its extension, as the command line does; the GIL is released.
 
-    config: a VoxelizeConfig. header: a ResultHeader. arrays: in stream order, flat buffers of the header's sizes. The
+    request: a VoxelizeRequest. header: a ResultHeader. arrays: in stream order, flat buffers of the header's sizes. The
     file appears when it is complete; after an error there is none. Errors: Failed; OSError; what a signal handler
     raised, after the writer has ended.
     """

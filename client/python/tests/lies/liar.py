@@ -12,26 +12,29 @@ import numpy
 from voxelpipe import AsyncClient, Client
 from voxelpipe._calls.crc32c import crc32c
 from voxelpipe._calls.grpc_module import grpc
+from voxelpipe._proto.voxelpipe.v1 import request_pb2, result_pb2, server_info_pb2
 from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
 from voxelpipe._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 
 from .. import shapes
 
-MESH_ID = "0123456789abcdef" * 4
+MESH_NAME = "meshes/" + "0123456789abcdef" * 4
 # In: the request or requests, and gRPC's context. Out: the responses, encoded.
 Answer = Callable[[Any, Any], Iterable[bytes]]
 
 
 class Liar(grpc.GenericRpcHandler):  # type: ignore[misc]
-    """Answers each call by the function of its name, or of "" for any."""
+    """Answers each call by the function of its name, or of "" for any; others are unknown to it."""
 
     def __init__(self) -> None:
         self.answers: dict[str, Answer] = {}
 
     def service(self, details: Any) -> Any:
         name = details.method.rpartition("/")[2]
-        answer = self.answers.get(name) or self.answers[""]
-        many = name in ("Voxelize", "UploadMesh", "VoxelizeMany")
+        answer = self.answers.get(name) or self.answers.get("")
+        if answer is None:
+            return None
+        many = name in ("VoxelizeUpload", "UploadMesh", "VoxelizeBatch")
         made = grpc.stream_stream_rpc_method_handler if many else grpc.unary_stream_rpc_method_handler
         return made(lambda request, context: iter(answer(request, context)))
 
@@ -55,39 +58,53 @@ def grid(*dims: int) -> types.Grid:
     )
 
 
-def piece(array: int, data: bytes, offset: int = 0) -> service.ResultPiece:
+def piece(array: int, data: bytes, offset: int = 0) -> result_pb2.ResultPiece:
     """A piece with its CRC-32C."""
-    return service.ResultPiece(target=array, offset=offset, data=data, crc32c=crc32c(data))
+    return result_pb2.ResultPiece(array=array, offset=offset, data=data, crc32c=crc32c(data))
+
+
+Response = result_pb2.VoxelizeResponse
+PROGRESS = result_pb2.Progress(stage="fill", fraction=0.5)
 
 
 @dataclasses.dataclass
 class Told:
-    """The messages of a result. `extra`: further ones after the summary."""
+    """The parts of a result. `first`, `extra`: further messages before it and after its summary."""
 
-    plan: service.VoxelizationPlan
-    header: service.ResultHeader
-    pieces: list[service.ResultPiece]
-    summary: service.Summary
-    first: list[service.VoxelizeResponse] = dataclasses.field(default_factory=list)
-    extra: list[service.VoxelizeResponse] = dataclasses.field(default_factory=list)
+    plan: result_pb2.VoxelizationPlan
+    header: result_pb2.ResultHeader
+    pieces: list[result_pb2.ResultPiece]
+    summary: result_pb2.Summary
+    first: list[Response] = dataclasses.field(default_factory=list)
+    extra: list[Response] = dataclasses.field(default_factory=list)
 
     def hashed(self) -> None:
         """The summary has the SHA-256 of what the pieces hold."""
         self.summary.content_sha256 = hashlib.sha256(b"".join(one.data for one in self.pieces)).hexdigest()
 
-    def whole(self) -> service.WholeResult:
+    def whole(self) -> Response:
         """All in one message."""
-        return service.WholeResult(accepted=self.plan, header=self.header, pieces=self.pieces, summary=self.summary)
+        return Response(plan=self.plan, header=self.header, pieces=self.pieces, summary=self.summary)
 
-    def parts(self) -> list[service.VoxelizeResponse]:
+    def grouped(self) -> list[Response]:
+        """Several parts a message."""
+        return [
+            *self.first,
+            Response(plan=self.plan, progress=PROGRESS, header=self.header),
+            Response(pieces=self.pieces),
+            Response(summary=self.summary),
+            *self.extra,
+        ]
+
+    def parts(self) -> list[Response]:
         """One message each."""
         return [
             *self.first,
-            service.VoxelizeResponse(accepted=self.plan),
-            service.VoxelizeResponse(progress=service.Progress(stage="fill", fraction=0.5)),
-            service.VoxelizeResponse(header=self.header),
-            *(service.VoxelizeResponse(piece=one) for one in self.pieces),
-            service.VoxelizeResponse(summary=self.summary),
+            Response(plan=self.plan),
+            Response(progress=PROGRESS),
+            Response(header=self.header),
+            *(Response(pieces=[one]) for one in self.pieces),
+            Response(summary=self.summary),
             *self.extra,
         ]
 
@@ -113,18 +130,20 @@ def honest(kind: str) -> Told:
     """A result for OPTIONS."""
     arrays = _ARRAYS[kind]
     return Told(
-        service.VoxelizationPlan(grid=grid(4, 4, 4), result_bytes=256, backend="cpu"),
-        service.ResultHeader(
+        result_pb2.VoxelizationPlan(grid=grid(4, 4, 4), result_bytes=256, backend=types.BACKEND_CPU),
+        result_pb2.ResultHeader(
             grid=grid(4, 4, 4),
-            layout=types.LAYOUT_INTERLEAVED,
-            kind=types.ResultKind.Value(f"RESULT_KIND_{kind.upper()}"),
+            spec=request_pb2.VoxelizeSpec(
+                layout=request_pb2.LAYOUT_INTERLEAVED,
+                result=request_pb2.ResultKind.Value(f"RESULT_KIND_{kind.upper()}"),
+            ),
             arrays=[
-                service.ResultArray(name=name, element_type=element, shape=values.shape)
+                result_pb2.ResultArray(name=name, element_type=element, shape=values.shape)
                 for name, element, values in arrays
             ],
         ),
         [piece(i, values.tobytes()) for i, (_, _, values) in enumerate(arrays)],
-        service.Summary(result_bytes=256),
+        result_pb2.Summary(result_bytes=256),
     )
 
 
@@ -153,25 +172,48 @@ def gridded(field: str, axis: str, value: float) -> Callable[[Told], None]:
     return lie
 
 
-def tell(liar: Liar, told: Told) -> None:
-    """The result is the answer to all calls that voxelize."""
-    info = service.GetServerInfoResponse(limits=service.ServerLimits(max_message_bytes=64 << 20))
+def replies(responses: Iterable[Response], number: int = 0) -> list[service.BatchReply]:
+    """The replies of a job."""
+    return [service.BatchReply(id=number, response=response) for response in responses]
 
+
+def tell_responses(liar: Liar, responses: Iterable[Response], together: bool = False) -> None:
+    """These are the answer to all calls that voxelize. together: to a batch in one message."""
+    info = server_info_pb2.GetServerInfoResponse(limits=server_info_pb2.ServerLimits(max_message_bytes=64 << 20))
+    listed = list(responses)
+    batch = [replies(listed)] if together else [[reply] for reply in replies(listed)]
     liar.answers = {
-        "VoxelizeMesh": lambda *_: [part.SerializeToString() for part in told.parts()],
-        "VoxelizeMany": lambda *_: [
-            service.VoxelizeManyResponse(part=part).SerializeToString() for part in told.parts()
-        ],
+        "Voxelize": lambda *_: [response.SerializeToString() for response in listed],
+        "VoxelizeBatch": lambda *_: [service.VoxelizeBatchResponse(replies=r).SerializeToString() for r in batch],
         "GetServerInfo": lambda *_: [info.SerializeToString()],
     }
 
 
+def tell(liar: Liar, told: Told) -> None:
+    """The result is the answer, one part a message."""
+    tell_responses(liar, told.parts())
+
+
+def tell_grouped(liar: Liar, told: Told) -> None:
+    """The same, several parts a message."""
+    tell_responses(liar, told.grouped(), together=True)
+
+
 def tell_whole(liar: Liar, told: Told) -> None:
     """The same in one message."""
-    tell(liar, told)
-    whole = told.whole()
-    liar.answers["VoxelizeMesh"] = lambda *_: [service.VoxelizeResponse(whole=whole).SerializeToString()]
-    liar.answers["VoxelizeMany"] = lambda *_: [service.VoxelizeManyResponse(whole=whole).SerializeToString()]
+    tell_responses(liar, [told.whole()])
+
+
+def tell_batch(liar: Liar, *messages: list[service.BatchReply]) -> None:
+    """These are the answer to a batch; single calls get an honest result."""
+    tell(liar, honest("dense"))
+    batch = [service.VoxelizeBatchResponse(replies=message) for message in messages]
+    liar.answers["VoxelizeBatch"] = lambda *_: [message.SerializeToString() for message in batch]
+
+
+def whole(number: int) -> list[service.BatchReply]:
+    """The replies of a job with an honest result."""
+    return replies([honest("dense").whole()], number)
 
 
 def ask(address: str, **options: Any) -> Any:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from typing import Any, Callable, Iterable
 
 import pytest
@@ -11,19 +12,30 @@ from voxelpipe import AsyncClient, Client
 from voxelpipe._calls.grpc_module import grpc
 from voxelpipe._calls.status import of_call
 from voxelpipe._proto.google.rpc import error_details_pb2, status_pb2
+from voxelpipe._proto.voxelpipe.v1 import error_pb2, mesh_pb2, result_pb2, server_info_pb2
+from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
 from voxelpipe._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 
 from .. import shapes
-from .liar import MESH_ID, Liar, ask_many, grid, gridded, honest, tell
+from .liar import MESH_NAME, Liar, ask_many, grid, tell_batch
+
+
+def meshes(client: Any) -> Any:
+    async def listed() -> list[Any]:
+        return [mesh async for mesh in client.meshes()]
+
+    return listed() if isinstance(client, AsyncClient) else list(client.meshes())
+
 
 CALLS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "estimate": ("EstimateVoxelization", lambda client: client.estimate(shapes.cube())),
     "shaders": ("ListShaders", lambda client: client.shaders()),
     "server_info": ("GetServerInfo", lambda client: client.server_info()),
-    "stored_mesh": ("GetMesh", lambda client: client.stored_mesh(MESH_ID)),
-    "delete_mesh": ("DeleteMesh", lambda client: client.delete_mesh(MESH_ID)),
+    "stored_mesh": ("GetMesh", lambda client: client.stored_mesh(MESH_NAME)),
+    "meshes": ("ListMeshes", meshes),
+    "release_mesh": ("ReleaseMesh", lambda client: client.release_mesh(MESH_NAME)),
     "upload": ("UploadMesh", lambda client: client.upload(shapes.cube())),
-    "voxelize": ("VoxelizeMesh", lambda client: client.voxelize(shapes.cube(), resolution=4)),
+    "voxelize": ("Voxelize", lambda client: client.voxelize(shapes.cube(), resolution=4)),
 }
 
 
@@ -53,7 +65,7 @@ def test_bytes_that_are_no_message(liar: tuple[Liar, str], name: str, asynchrono
         except voxelpipe.DataLoss as error:
             assert "cannot be read" in str(error) or "names no mesh" in str(error) or "a grid of 0" in str(error)
         else:
-            assert junk[0] == 10 and name == "delete_mesh"  # a field that the message does not have
+            assert junk[0] == 10 and name == "release_mesh"  # a field that the message does not have
 
 
 @BOTH
@@ -64,25 +76,72 @@ def test_an_end_without_a_message(liar: tuple[Liar, str], name: str, asynchronou
         call(liar[1], name, asynchronous)
 
 
+def estimated(**fields: Any) -> service.EstimateVoxelizationResponse:
+    fields.setdefault("grid", grid(1, 1, 1))
+    return service.EstimateVoxelizationResponse(plan=result_pb2.VoxelizationPlan(**fields))
+
+
+def informed(**fields: Any) -> server_info_pb2.GetServerInfoResponse:
+    return server_info_pb2.GetServerInfoResponse(**fields)
+
+
+def mesh(**fields: Any) -> mesh_pb2.Mesh:
+    fields.setdefault("name", MESH_NAME)
+    return mesh_pb2.Mesh(**fields)
+
+
+def paged(*listed: mesh_pb2.Mesh, token: str = "") -> mesh_pb2.ListMeshesResponse:
+    return mesh_pb2.ListMeshesResponse(meshes=listed, next_page_token=token)
+
+
+# The call, its answer, and what the error says.
 ANSWERS: dict[str, tuple[str, Any, str]] = {
     "an estimate without a plan": ("estimate", service.EstimateVoxelizationResponse(), "a grid of 0 x 0 x 0 voxels"),
     "an estimate of a huge grid": (
         "estimate",
-        service.EstimateVoxelizationResponse(plan=service.VoxelizationPlan(grid=grid(1 << 20, 1 << 20, 1 << 20))),
+        estimated(grid=grid(1 << 20, 1 << 20, 1 << 20)),
         "a grid beyond 2\\^53 voxels",
     ),
-    "a mesh without an id": ("stored_mesh", service.GetMeshResponse(), "'' names no mesh"),
-    "a mesh of a wrong id": (
+    "an estimate of negative bytes": ("estimate", estimated(result_bytes=-1), "result_bytes is -1"),
+    "an estimate of a negative peak": ("estimate", estimated(peak_bytes=-1 << 63), f"peak_bytes is {-1 << 63}"),
+    "negative components": (
+        "shaders",
+        server_info_pb2.ListShadersResponse(shaders=[server_info_pb2.ShaderInfo(output_components=-3)]),
+        "output_components is -3",
+    ),
+    "a negative limit": (
+        "server_info",
+        informed(limits=server_info_pb2.ServerLimits(max_result_bytes=-1)),
+        "max_result_bytes is -1",
+    ),
+    "negative threads": ("server_info", informed(threads=-2), "threads is -2"),
+    "a negative revision": ("server_info", informed(contract_revision=-1), "contract_revision is -1"),
+    "negative memory": (
+        "server_info",
+        informed(devices=[server_info_pb2.Device(memory_bytes=-1 << 63)]),
+        f"memory_bytes is {-1 << 63}",
+    ),
+    "negative workers": ("server_info", informed(devices=[server_info_pb2.Device(workers=-1)]), "workers is -1"),
+    "a mesh without a name": ("stored_mesh", mesh(name=""), "'' names no mesh"),
+    "a mesh of a wrong name": ("stored_mesh", mesh(name="\x1b" * 80), "names no mesh"),
+    "a mesh of half a name": ("stored_mesh", mesh(name=MESH_NAME[7:]), "names no mesh"),
+    "a mesh of an unknown unit": ("stored_mesh", mesh(name=f"{MESH_NAME}-km"), "names no mesh"),
+    "a mesh of a format before its unit": ("stored_mesh", mesh(name=f"{MESH_NAME}-obj-mm"), "names no mesh"),
+    "a mesh with a line end": ("stored_mesh", mesh(name=f"{MESH_NAME}\n"), "names no mesh"),
+    "a mesh of negative bytes": ("stored_mesh", mesh(file_bytes=-1), "file_bytes is -1"),
+    "a mesh of negative memory": ("stored_mesh", mesh(memory_bytes=-7), "memory_bytes is -7"),
+    "a mesh of negative triangles": (
         "stored_mesh",
-        service.GetMeshResponse(mesh=service.StoredMesh(mesh_id="\x1b" * 64)),
-        "names no mesh",
+        mesh(report=types.MeshReport(triangles=-1)),
+        "triangles is -1",
     ),
-    "an upload of nothing": ("upload", service.UploadMeshResponse(), "'' names no mesh"),
-    "an upload of another mesh": (
-        "upload",
-        service.UploadMeshResponse(mesh=service.StoredMesh(mesh_id=MESH_ID)),
-        f"the server keeps the mesh [0-9a-f]+ as {MESH_ID}",
-    ),
+    "a list with a mesh of negative uses": ("meshes", paged(mesh(), mesh(uses=-1)), "uses is -1"),
+    "a list with a mesh without a name": ("meshes", paged(mesh(), mesh(name="")), "'' names no mesh"),
+    "a list that begins again": ("meshes", paged(mesh(), token="again"), "a list of meshes without an end"),
+    "a list of empty pages": ("meshes", paged(token="next"), "a list of meshes without an end"),
+    "negative freed bytes": ("release_mesh", mesh_pb2.ReleaseMeshResponse(freed_bytes=-1), "freed_bytes is -1"),
+    "an upload of nothing": ("upload", mesh_pb2.Mesh(), "'' names no mesh"),
+    "an upload of another mesh": ("upload", mesh(), f"the server keeps the mesh meshes/[0-9a-f]+ as {MESH_NAME}"),
 }
 
 
@@ -96,100 +155,82 @@ def test_an_answer_that_cannot_be(liar: tuple[Liar, str], answer: str, asynchron
 
 
 @BOTH
-def test_unknown_numbers_of_enums_and_negative_counts_are_told(liar: tuple[Liar, str], asynchronous: bool) -> None:
-    plan = service.VoxelizationPlan(grid=grid(1, 1, 1), time_class=-5, slab_depth=-1)  # type: ignore[arg-type]
+def test_unknown_numbers_of_enums_are_told(liar: tuple[Liar, str], asynchronous: bool) -> None:
+    shader = server_info_pb2.ShaderInfo(
+        stage=77, output_type=99, parameters=[server_info_pb2.ShaderParameterInfo(type=-1)]  # type: ignore[arg-type]
+    )
+    device = server_info_pb2.Device(state=-1, backend=55)  # type: ignore[arg-type]
     answers = {
-        "EstimateVoxelization": service.EstimateVoxelizationResponse(plan=plan),
-        "ListShaders": service.ListShadersResponse(
-            shaders=[service.ShaderInfo(stage=77, output_components=-3)]  # type: ignore[arg-type]
-        ),
-        "GetServerInfo": service.GetServerInfoResponse(
-            devices=[service.Device(state=-1, memory_bytes=(1 << 64) - 1)]  # type: ignore[arg-type]
+        "EstimateVoxelization": estimated(time_class=-5, backend=1 << 30),
+        "ListShaders": server_info_pb2.ListShadersResponse(shaders=[shader]),
+        "GetServerInfo": informed(
+            devices=[device],
+            backends=[server_info_pb2.BackendInfo(backend=9, simd=9)],  # type: ignore[arg-type]
         ),
     }
     liar[0].answers = {name: lambda *_, m=m: [m.SerializeToString()] for name, m in answers.items()}
-    assert call(liar[1], "estimate", asynchronous).time_class == ""
-    assert call(liar[1], "shaders", asynchronous)[0].stage == "fragment"
-    assert call(liar[1], "server_info", asynchronous).devices[0].serving
+    estimate = call(liar[1], "estimate", asynchronous)
+    assert (estimate.time_class, estimate.backend) == ("unknown", "unknown")
+    told = call(liar[1], "shaders", asynchronous)[0]
+    assert (told.stage, told.output_type, told.parameters[0].type) == ("fragment", "unknown", "unknown")
+    info = call(liar[1], "server_info", asynchronous)
+    assert info.devices[0].serving and info.devices[0].backend == "unknown" and info.backends == {"unknown": "unknown"}
 
 
-# ---- many ----
+@BOTH
+def test_enums_of_a_server_are_texts(liar: tuple[Liar, str], asynchronous: bool) -> None:
+    kinds: Any = server_info_pb2.ShaderParameterType.values()
+    shaders = [
+        server_info_pb2.ShaderInfo(name="move", stage=server_info_pb2.SHADER_STAGE_VERTEX),
+        server_info_pb2.ShaderInfo(
+            stage=server_info_pb2.SHADER_STAGE_FRAGMENT,
+            output_type=types.ELEMENT_TYPE_U32,
+            parameters=[server_info_pb2.ShaderParameterInfo(type=kind, default_values=[1, 2]) for kind in kinds[1:]],
+        ),
+    ]
+    answers = {
+        "ListShaders": server_info_pb2.ListShadersResponse(shaders=shaders),
+        "GetServerInfo": informed(
+            contract_revision=3,
+            backends=[
+                server_info_pb2.BackendInfo(backend=types.BACKEND_CUDA),
+                server_info_pb2.BackendInfo(backend=types.BACKEND_CPU, simd=types.SIMD_AVX512),
+            ],
+            limits=server_info_pb2.ServerLimits(load_workers=2, batch_jobs=64),
+        ),
+    }
+    liar[0].answers = {name: lambda *_, m=m: [m.SerializeToString()] for name, m in answers.items()}
+    move, other = call(liar[1], "shaders", asynchronous)
+    assert (move.stage, move.output_type) == ("vertex", "position")
+    assert (other.stage, other.output_type, other.parameters[0].default) == ("fragment", "u32", (1, 2))
+    assert [one.type for one in other.parameters] == "float floats vec3 vec4 mat4 uint string".split()
+    info = call(liar[1], "server_info", asynchronous)
+    assert info.contract_revision == 3 and info.backends == {"cuda": "cuda", "cpu": "avx512"}
+    assert info.limits["load_workers"] == 2 and info.limits["batch_jobs"] == 64
 
 
-def many(liar: Liar, *responses: service.VoxelizeManyResponse) -> None:
-    tell(liar, honest("dense"))
-    liar.answers["VoxelizeMany"] = lambda *_: [response.SerializeToString() for response in responses]
+@BOTH
+def test_the_pages_of_a_list_are_followed(liar: tuple[Liar, str], asynchronous: bool) -> None:
+    names = [f"meshes/{number:064x}-in-3mf" for number in range(5)]
+    asked = []
+
+    def answer(request: bytes, _: Any) -> Iterable[bytes]:
+        token = mesh_pb2.ListMeshesRequest.FromString(request).page_token
+        asked.append(token)
+        at = int(token or 0)
+        page = paged(*(mesh(name=name) for name in names[at : at + 2]), token=str(at + 2) if at + 2 < 5 else "")
+        return [page.SerializeToString()]
+
+    liar[0].answers = {"ListMeshes": answer}
+    assert [one.name for one in call(liar[1], "meshes", asynchronous)] == names and asked == ["", "2", "4"]
 
 
-def whole(number: int) -> service.VoxelizeManyResponse:
-    return service.VoxelizeManyResponse(id=number, whole=honest("dense").whole())
-
-
-UNKNOWN_JOBS = {
-    "index out of range": [whole((1 << 64) - 1)],
-    "answered twice": [whole(0), whole(0)],
-    "answered twice in one message": [service.VoxelizeManyResponse(id=1, whole=whole(1).whole, more=[whole(1)])],
-}
-
-
-@pytest.mark.parametrize("lie", UNKNOWN_JOBS)
-def test_an_answer_to_no_job(liar: tuple[Liar, str], lie: str) -> None:
-    many(liar[0], *UNKNOWN_JOBS[lie])
-    with Client(liar[1], retries=0, timeout=20) as client:
-        options: dict[str, Any] = {"resolution": 4, "targets": "triangle_id:u32", "in_flight": 2}
-        with pytest.raises(voxelpipe.DataLoss, match="to job [0-9]+, which waits for none"):
-            list(client.voxelize_many([shapes.cube()] * 2, **options))
-        results = list(client.voxelize_many([shapes.cube()] * 2, errors="return", **options))
-        assert len(results) == 2 and any(isinstance(result, voxelpipe.DataLoss) for result in results)
-
-
-def test_jobs_without_an_answer_are_made_alone(liar: tuple[Liar, str]) -> None:
-    many(liar[0], whole(1))
-    with Client(liar[1], retries=0, timeout=20) as client:
-        results = list(client.voxelize_many([shapes.cube()] * 2, resolution=4, targets="triangle_id:u32", in_flight=2))
-    assert results[0] == results[1]
-
-
-def test_a_whole_result_as_a_part_of_many(liar: tuple[Liar, str]) -> None:
-    part = service.VoxelizeResponse(whole=honest("dense").whole())
-    many(liar[0], service.VoxelizeManyResponse(id=0, part=part))
-    assert ask_many(liar[1]).dims == (4, 4, 4)
-
-
-def test_the_rest_of_a_refused_result_is_left_out(liar: tuple[Liar, str]) -> None:
-    broken = honest("dense")
-    gridded("voxel_size", "x", 0)(broken)
-    parts = [service.VoxelizeManyResponse(id=0, part=part) for part in broken.parts()]
-    many(liar[0], *parts, whole(1))
-    with Client(liar[1], retries=0, timeout=20) as client:
-        results = list(
-            client.voxelize_many(
-                [shapes.cube()] * 2, resolution=4, targets="triangle_id:u32", in_flight=2, errors="return"
-            )
-        )
-    assert isinstance(results[0], voxelpipe.DataLoss) and isinstance(results[1], voxelpipe.VoxelGrid)
-
-
-def test_bytes_that_are_no_message_of_many(liar: tuple[Liar, str]) -> None:
-    tell(liar[0], honest("dense"))
-    liar[0].answers["VoxelizeMany"] = lambda *_: [b"\xff" * 9]
-    with pytest.raises(voxelpipe.DataLoss, match="cannot be read"):
-        ask_many(liar[1])
-
-
-@pytest.mark.parametrize("most_bytes", [0, 1000])
-def test_messages_without_room_for_a_job(liar: tuple[Liar, str], most_bytes: int) -> None:
-    tell(liar[0], honest("dense"))
-    info = service.GetServerInfoResponse(limits=service.ServerLimits(max_message_bytes=most_bytes))
-    liar[0].answers["GetServerInfo"] = lambda *_: [info.SerializeToString()]
-    with pytest.raises(voxelpipe.DataLoss, match=f"messages of at most {most_bytes} bytes"):
-        ask_many(liar[1])
-
-
-def test_an_error_of_the_code_ok(liar: tuple[Liar, str]) -> None:
-    many(liar[0], service.VoxelizeManyResponse(id=0, error=status_pb2.Status(code=0, message="fine")))
-    with pytest.raises(voxelpipe.DataLoss, match="an error of the code OK"):
-        ask_many(liar[1])
+@BOTH
+@pytest.mark.parametrize("name", CALLS)
+def test_a_server_of_another_contract(liar: tuple[Liar, str], name: str, asynchronous: bool) -> None:
+    text = f"the server at {liar[1]} speaks another version of the contract; this client was made for revision 1"
+    with pytest.raises(voxelpipe.errors.NotSupported, match=text):
+        call(liar[1], name, asynchronous)
 
 
 # ---- errors ----
@@ -201,8 +242,12 @@ def retry_info(seconds: int, nanos: int = 0) -> Any:
     return info
 
 
-def limits(**metadata: str) -> Any:
-    return error_details_pb2.ErrorInfo(metadata=metadata)
+def limits(x: float = 0, y: float = 0, z: float = 0, **numbers: Any) -> Any:
+    """In: the smallest voxel size, and the other numbers by name."""
+    limit = error_pb2.LimitExceeded(**numbers)
+    if x or y or z:
+        limit.voxel_size.x, limit.voxel_size.y, limit.voxel_size.z = x, y, z
+    return limit
 
 
 def detailed(*details: Any) -> Any:
@@ -231,28 +276,23 @@ DETAILS: dict[str, tuple[Any, type[voxelpipe.VoxelpipeError], dict[str, Any]]] =
         voxelpipe.QuotaExceeded,
         {"subject": ""},
     ),
-    "numbers of a thousand digits": (
-        detailed(limits(limit_bytes=DIGITS, need_bytes=DIGITS, largest_resolution=DIGITS, smallest_voxel_size=DIGITS)),
-        voxelpipe.TooLarge,
-        {"limit_bytes": None, "need_bytes": None, "largest_resolution": None, "smallest_voxel_size": None},
-    ),
     "numbers that are none": (
-        detailed(limits(limit_bytes="-1", need_bytes="1e9", largest_resolution="", smallest_voxel_size="1,2")),
+        detailed(limits(limit_bytes=-1, need_bytes=-(2**63), resolution=-7)),
         voxelpipe.TooLarge,
         {"limit_bytes": None, "need_bytes": None, "largest_resolution": None, "smallest_voxel_size": None},
     ),
     "a size that is none": (
-        detailed(limits(limit_bytes="7", smallest_voxel_size="nan,1,1")),
+        detailed(limits(math.nan, 1, 1, limit_bytes=7)),
         voxelpipe.TooLarge,
         {"limit_bytes": 7, "smallest_voxel_size": None},
     ),
     "an infinite size": (
-        detailed(limits(limit_bytes="7", smallest_voxel_size="1,inf,1")),
+        detailed(limits(1, math.inf, 1, limit_bytes=7)),
         voxelpipe.TooLarge,
         {"smallest_voxel_size": None},
     ),
     "a negative size": (
-        detailed(limits(limit_bytes="7", smallest_voxel_size="1,1,-1")),
+        detailed(limits(1, 1, -1, limit_bytes=7)),
         voxelpipe.TooLarge,
         {"smallest_voxel_size": None},
     ),
@@ -283,7 +323,7 @@ def test_details_that_cannot_be(liar: tuple[Liar, str], lie: str, name: str, asy
 @pytest.mark.parametrize("lie", DETAILS)
 def test_details_of_many_that_cannot_be(liar: tuple[Liar, str], lie: str) -> None:
     details, kind, _ = DETAILS[lie]
-    many(liar[0], service.VoxelizeManyResponse(id=0, error=details))
+    tell_batch(liar[0], [service.BatchReply(id=0, error=details)])
     trailer = ("grpc-status-details-bin", details.SerializeToString())
     refused = grpc.StatusCode.RESOURCE_EXHAUSTED
 
@@ -292,14 +332,14 @@ def test_details_of_many_that_cannot_be(liar: tuple[Liar, str], lie: str) -> Non
         context.abort(refused, "refused")
         return []
 
-    liar[0].answers["VoxelizeMesh"] = fail  # a busy server is asked again, alone
+    liar[0].answers["Voxelize"] = fail  # a busy server is asked again, alone
     with pytest.raises(kind, match="refused"):
         ask_many(liar[1])
 
 
 def test_a_number_of_six_thousand_digits(liar: tuple[Liar, str]) -> None:
-    details = detailed(limits(limit_bytes="9" * 6000, largest_resolution="\u0663" * 6000))
-    many(liar[0], service.VoxelizeManyResponse(id=0, error=details))
+    details = detailed(error_details_pb2.ErrorInfo(metadata={"limit_bytes": "9" * 6000}))
+    tell_batch(liar[0], [service.BatchReply(id=0, error=details)])
     with pytest.raises(voxelpipe.TooLarge, match="refused") as caught:
         ask_many(liar[1])
     assert caught.value.limit_bytes is None and caught.value.largest_resolution is None

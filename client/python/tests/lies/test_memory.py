@@ -11,10 +11,10 @@ import pytest
 import voxelpipe
 from voxelpipe._calls import destination
 from voxelpipe._calls.session import Options
+from voxelpipe._proto.voxelpipe.v1 import result_pb2
 from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
-from voxelpipe._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 
-from .liar import Liar, Told, ask, ask_async, ask_many, grid, honest, piece, shaped, tell, tell_whole
+from .liar import Liar, Response, Told, ask, ask_async, ask_many, grid, honest, piece, shaped, tell, tell_whole
 
 _MIB = 1 << 20
 
@@ -111,11 +111,11 @@ def test_a_small_result_without_an_end(liar: tuple[Liar, str]) -> None:
 
     def endless(_: Any, context: Any) -> Iterator[bytes]:
         context.add_callback(ended.set)
-        progress = service.VoxelizeResponse(progress=service.Progress(stage="x" * 1000)).SerializeToString()
+        progress = Response(progress=result_pb2.Progress(stage="x" * 1000)).SerializeToString()
         while context.is_active():
             yield progress
 
-    liar[0].answers = {"VoxelizeMesh": endless}
+    liar[0].answers = {"Voxelize": endless}
     with pytest.raises(voxelpipe.DataLoss, match="bytes for a small one"):
         ask(liar[1])
     assert ended.wait(10)
@@ -124,12 +124,12 @@ def test_a_small_result_without_an_end(liar: tuple[Liar, str]) -> None:
 def test_warnings_by_the_million(liar: tuple[Liar, str]) -> None:
     result = honest("dense")
     result.summary.warnings.extend([types.Warning(code=types.WARNING_CODE_NO_SCENE, text="x" * 1000)] * 3000)
-    result.summary.warnings_left_out = (1 << 64) - 1
+    result.summary.warnings_left_out = (1 << 63) - 1
     result.summary.warnings[0].code = 12345
     tell_whole(liar[0], result)
     warnings = ask(liar[1]).warnings
     assert len(warnings) == 101 and warnings[0].code == "unknown" and len(warnings[1].text) == 256
-    assert warnings[100].text == f"{(1 << 64) - 1 + 2900} further warnings"
+    assert warnings[100].text == f"{(1 << 63) - 1 + 2900} further warnings"
 
 
 def test_no_compressed_messages_are_taken() -> None:

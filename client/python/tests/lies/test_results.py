@@ -9,18 +9,25 @@ import pytest
 
 import voxelpipe
 from voxelpipe._calls.progress import Reporter
+from voxelpipe._calls.wire import field
+from voxelpipe._proto.voxelpipe.v1 import request_pb2, result_pb2
 from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
 from voxelpipe._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 
-from .liar import Liar, Told, ask, ask_async, ask_many, filled, gridded, honest, piece, shaped, tell, tell_whole
+from .liar import PROGRESS, Liar, Response, Told, ask, ask_async, ask_many, filled, gridded, honest, piece, shaped
+from .liar import tell, tell_grouped, tell_responses, tell_whole
 
+_INT64_MAX = (1 << 63) - 1
 Way = Callable[..., Any]
 WAYS: dict[str, tuple[Way, Way]] = {
     "parts": (tell, ask),
+    "grouped": (tell_grouped, ask),
     "whole": (tell_whole, ask),
     "async-parts": (tell, ask_async),
+    "async-grouped": (tell_grouped, ask_async),
     "async-whole": (tell_whole, ask_async),
     "many-parts": (tell, ask_many),
+    "many-grouped": (tell_grouped, ask_many),
     "many-whole": (tell_whole, ask_many),
 }
 
@@ -44,25 +51,25 @@ def planned(field: str, axis: str, value: float) -> Callable[[Told], None]:
 def headed(**fields: Any) -> Callable[[Told], None]:
     def lie(told: Told) -> None:
         for name, value in fields.items():
-            setattr(told.header, name, value)
+            setattr(told.header.spec, name, value)
 
     return lie
 
 
-def pieced(array: int = 0, **fields: Any) -> Callable[[Told], None]:
+def pieced(**fields: Any) -> Callable[[Told], None]:
     def lie(told: Told) -> None:
         for name, value in fields.items():
-            setattr(told.pieces[array], name, value)
+            setattr(told.pieces[0], name, value)
 
     return lie
 
 
-def zipped(raw: bytes, raw_bytes: int, then: bytes = b"", cut: int = 0) -> Callable[[Told], None]:
+def zipped(raw: bytes, size: int, then: bytes = b"", cut: int = 0) -> Callable[[Told], None]:
     def lie(told: Told) -> None:
         zstandard = pytest.importorskip("zstandard")
         frame = zstandard.ZstdCompressor().compress(raw) + then
         told.pieces[0].CopyFrom(piece(0, frame[: len(frame) - cut]))
-        told.pieces[0].raw_bytes = raw_bytes
+        told.pieces[0].uncompressed_bytes = size
 
     return lie
 
@@ -89,6 +96,10 @@ def swapped(told: Told) -> None:
 
 def no_grid(told: Told) -> None:
     told.header.ClearField("grid")
+
+
+def no_spec(told: Told) -> None:
+    told.header.ClearField("spec")
 
 
 def no_arrays(told: Told) -> None:
@@ -121,8 +132,18 @@ LIES: dict[str, tuple[Callable[[Told], None], str, str]] = {
     "another shape": (shaped(0, 4, 4, 5), "dense", r"target0 is u32 of shape \(4, 4, 5\)"),
     "five components": (shaped(0, 4, 4, 4, 5), "dense", "target0 is u32 of shape"),
     "no components": (shaped(0, 4, 4, 4, 0), "dense", "target0 is u32 of shape"),
-    "huge components": (shaped(0, 4, 4, 4, (1 << 64) - 1), "dense", "target0 is u32 of shape"),
-    "huge list": (shaped(0, (1 << 64) - 1), "sparse", "18446744073709551615 bricks in a grid of 1"),
+    "huge components": (shaped(0, 4, 4, 4, _INT64_MAX), "dense", "target0 is u32 of shape"),
+    "huge list": (shaped(0, _INT64_MAX), "sparse", f"{_INT64_MAX} bricks in a grid of 1"),
+    "negative components": (shaped(0, 4, 4, 4, -1), "dense", "target0 has a shape of -1 elements"),
+    "negative layers": (shaped(0, -4, 4, 4), "dense", "target0 has a shape of -4 elements"),
+    "negative and planes": (shaped(0, -4, -4, 4), "dense", "target0 has a shape of -4 elements"),
+    "negative list": (shaped(0, -1), "sparse", "brick has a shape of -1 elements"),
+    "negative values": (shaped(2, -1 << 63), "sparse", f"target0 has a shape of {-1 << 63} elements"),
+    "negative buckets": (
+        both(shaped(0, -5), shaped(1, -4), shaped(2, -3), shaped(3, -3)),
+        "buckets",
+        "voxel has a shape of -5 elements",
+    ),
     "more values than voxels": (shaped(2, 65), "sparse", "65 voxels listed in a grid of 64"),
     "more values than bricks hold": (shaped(2, 513), "sparse", "513 voxels in 1 bricks"),
     "fewer values than bricks": (shaped(2, 0), "sparse", "0 voxels in 1 bricks"),
@@ -153,9 +174,11 @@ LIES: dict[str, tuple[Callable[[Told], None], str, str]] = {
     "infinite voxel size": (gridded("voxel_size", "z", math.inf), "dense", "voxel size is not positive"),
     "plan without voxels": (planned("dims", "x", 0), "dense", "a grid of 0 x [04] x [04] voxels"),
     "plan that is no number": (planned("origin", "x", math.nan), "dense", "origin is not finite"),
-    "another kind": (headed(kind=types.RESULT_KIND_SPARSE), "dense", "a result of kind 2, requested was 1"),
-    "unknown kind": (headed(kind=-7), "dense", "a result of kind -7, requested was 1"),
-    "another layout": (headed(layout=types.LAYOUT_PLANAR), "dense", "a result of layout 2, requested was 1"),
+    "another kind": (headed(result=request_pb2.RESULT_KIND_SPARSE), "dense", "a result of kind 2, requested was 1"),
+    "unknown kind": (headed(result=-7), "dense", "a result of kind -7, requested was 1"),
+    "no spec": (no_spec, "dense", "a result of kind 0, requested was 1"),
+    "another layout": (headed(layout=request_pb2.LAYOUT_PLANAR), "dense", "a result of layout 2, requested was 1"),
+    "no layout": (headed(layout=0), "sparse", "a result of layout 0, requested was 1"),
     "unknown layout": (headed(layout=99), "sparse", "a result of layout 99, requested was 1"),
     "more arrays": (more_arrays, "dense", "2 arrays instead of 1"),
     "no arrays": (no_arrays, "buckets", "0 arrays instead of 4"),
@@ -165,15 +188,19 @@ LIES: dict[str, tuple[Callable[[Told], None], str, str]] = {
     "no type": (typed(types.ELEMENT_TYPE_UNSPECIFIED), "dense", "target0 is unspecified of shape"),
     "unknown type": (typed(1 << 30), "dense", "an array of the unknown type 1073741824"),
     "bits as a list": (typed(types.ELEMENT_TYPE_BIT), "sparse", "brick is bit of shape"),
-    "piece of another array": (pieced(target=4_000_000_000), "dense", "a piece of array 4000000000 at offset 0"),
-    "piece at another offset": (pieced(offset=(1 << 64) - 1), "dense", "at offset 18446744073709551615"),
+    "piece of another array": (pieced(array=2_000_000_000), "dense", "a piece of array 2000000000 at offset 0"),
+    "piece of a negative array": (pieced(array=-1), "dense", "a piece of array -1 at offset 0"),
+    "piece at another offset": (pieced(offset=_INT64_MAX), "dense", f"at offset {_INT64_MAX}"),
+    "piece at a negative offset": (pieced(offset=-256), "dense", "at offset -256"),
     "piece without bytes": (pieced(data=b""), "dense", "a piece without bytes"),
     "piece that is too long": (filled(0, numpy.zeros(257, "u1")), "dense", "is too long"),
     "another checksum": (pieced(crc32c=1), "dense", "the CRC32C of the piece at offset 0 of array 0 does not match"),
     "a piece twice": (twice, "dense", "more bytes than announced"),
     "no pieces": (no_pieces, "dense", "it ended after 0 of 256 bytes"),
-    "huge compressed piece": (pieced(raw_bytes=1 << 63), "dense", "is too long"),
-    "no frame": (pieced(raw_bytes=256), "dense", "a compressed piece is broken|announced size"),
+    "huge compressed piece": (pieced(uncompressed_bytes=_INT64_MAX), "dense", "is too long"),
+    "compressed piece of nothing": (pieced(uncompressed_bytes=0), "dense", "a compressed piece of 0 bytes"),
+    "negative compressed piece": (pieced(uncompressed_bytes=-256), "dense", "a compressed piece of -256 bytes"),
+    "no frame": (pieced(uncompressed_bytes=256), "dense", "a compressed piece is broken|announced size"),
     "frame that expands further": (zipped(bytes(1 << 20), 256), "dense", "not one zstd frame of the announced size"),
     "frame that holds less": (zipped(bytes(255), 256), "dense", "not one zstd frame of the announced size"),
     "frame that is cut": (zipped(bytes(range(256)), 256, cut=4), "dense", "a compressed piece is broken"),
@@ -206,25 +233,25 @@ def test_a_result_that_is_no_result(liar: tuple[Liar, str], lie: str, way: str) 
     assert len(str(caught.value)) < 300
 
 
-def again(message: Callable[[Told], service.VoxelizeResponse], first: bool = False) -> Callable[[Told], None]:
+def again(message: Callable[[Told], Response], first: bool = False) -> Callable[[Told], None]:
     return lambda told: (told.first if first else told.extra).append(message(told))
 
 
 # Only where a result comes in several messages.
 DISORDER: dict[str, tuple[Callable[[Told], None], str]] = {
-    "two plans": (again(lambda told: service.VoxelizeResponse(accepted=told.plan), True), "a second plan"),
-    "two headers": (again(lambda told: service.VoxelizeResponse(header=told.header), True), "a second header"),
-    "piece first": (again(lambda told: service.VoxelizeResponse(piece=told.pieces[0]), True), "before the header"),
-    "summary first": (again(lambda told: service.VoxelizeResponse(summary=told.summary), True), "before the header"),
-    "whole first": (again(lambda told: service.VoxelizeResponse(whole=told.whole()), True), "a second (plan|header)"),
+    "two plans": (again(lambda told: Response(plan=told.plan), True), "a second plan"),
+    "two headers": (again(lambda told: Response(header=told.header), True), "a plan after the header"),
+    "piece first": (again(lambda told: Response(pieces=[told.pieces[0]]), True), "before the header"),
+    "summary first": (again(lambda told: Response(summary=told.summary), True), "before the header"),
+    "whole first": (again(lambda told: told.whole(), True), "a message after its summary"),
     "progress that is no number": (
-        again(lambda _: service.VoxelizeResponse(progress=service.Progress(fraction=math.nan)), True),
+        again(lambda _: Response(progress=result_pb2.Progress(fraction=math.nan)), True),
         "a progress that is no number",
     ),
 }
 LATE: dict[str, tuple[Callable[[Told], None], str]] = {
-    "two summaries": (again(lambda told: service.VoxelizeResponse(summary=told.summary)), "a second summary"),
-    "piece last": (again(lambda told: service.VoxelizeResponse(piece=told.pieces[0])), "more bytes than announced"),
+    "two summaries": (again(lambda told: Response(summary=told.summary)), "a message after its summary"),
+    "piece last": (again(lambda told: Response(pieces=[told.pieces[0]])), "more bytes than announced"),
 }
 
 
@@ -249,11 +276,77 @@ def test_messages_out_of_order_of_many(liar: tuple[Liar, str], lie: str) -> None
         ask_many(liar[1])
 
 
+# The parts of each message.
+ORDERS: dict[str, tuple[list[str], str]] = {
+    "pieces without a header": (["plan", "pieces", "summary"], "a piece before the header"),
+    "all but the header": (["plan+pieces+summary"], "a piece before the header"),
+    "a summary without a header": (["plan+progress+summary"], "a summary before the header"),
+    "a header and a summary": (["header+summary"], "it ended after 0 of 256 bytes"),
+    "a summary before the pieces": (["header", "summary", "pieces"], "it ended after 0 of 256 bytes"),
+    "a plan after the header": (["header", "plan", "pieces", "summary"], "a plan after the header"),
+    "a plan with the pieces": (["header", "plan+pieces+summary"], "a plan after the header"),
+    "two headers": (["header", "header", "pieces", "summary"], "a second header"),
+    "a header with the summary": (["header", "pieces", "header+summary"], "a second header"),
+}
+AFTER_THE_END = {
+    "nothing": "",
+    "progress": "progress",
+    "a plan": "plan",
+    "a header": "header",
+    "a summary": "summary",
+    "all again": "plan+header+pieces+summary",
+}
+
+
+def ordered(order: list[str]) -> list[Response]:
+    told = honest("dense")
+    fields = {
+        "plan": told.plan,
+        "progress": PROGRESS,
+        "header": told.header,
+        "pieces": told.pieces,
+        "summary": told.summary,
+    }
+    names = [[name for name in message.split("+") if name] for message in order]
+    return [Response(**{name: fields[name] for name in message}) for message in names]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("asked", [ask, ask_async, ask_many])
+@pytest.mark.parametrize("lie", ORDERS)
+def test_parts_out_of_order(liar: tuple[Liar, str], lie: str, asked: Way) -> None:
+    order, text = ORDERS[lie]
+    tell_responses(liar[0], ordered(order), together=len(order) > 2)
+    with pytest.raises(voxelpipe.DataLoss, match=text):
+        asked(liar[1])
+
+
+@pytest.mark.parametrize("asked", [ask, ask_async])
+@pytest.mark.parametrize("lie", AFTER_THE_END)
+def test_messages_after_the_summary(liar: tuple[Liar, str], lie: str, asked: Way) -> None:
+    tell_responses(liar[0], ordered(["header+pieces+summary", AFTER_THE_END[lie]]))
+    with pytest.raises(voxelpipe.DataLoss, match="a message after its summary"):
+        asked(liar[1])
+
+
+@pytest.mark.parametrize("asked", [ask, ask_async, ask_many])
+def test_two_headers_in_one_message(liar: tuple[Liar, str], asked: Way) -> None:
+    told = honest("dense")
+    rest = Response(pieces=told.pieces, summary=told.summary).SerializeToString()
+    message = 2 * Response(header=told.header).SerializeToString() + rest
+    tell(liar[0], told)
+    liar[0].answers["Voxelize"] = lambda *_: [message]
+    reply = b"".join(field(service.BatchReply.RESPONSE_FIELD_NUMBER, [message]))
+    batch = b"".join(field(service.VoxelizeBatchResponse.REPLIES_FIELD_NUMBER, [reply]))
+    liar[0].answers["VoxelizeBatch"] = lambda *_: [batch]
+    with pytest.raises(voxelpipe.DataLoss, match="2 arrays instead of 1"):
+        asked(liar[1])
+
+
 def test_an_end_without_a_summary(liar: tuple[Liar, str]) -> None:
     tell(liar[0], honest("dense"))
     for count in range(4):
         parts = [part.SerializeToString() for part in honest("dense").parts()[:count]]
-        liar[0].answers["VoxelizeMesh"] = lambda *_, parts=parts: parts
+        liar[0].answers["Voxelize"] = lambda *_, parts=parts: parts
         for asked in (ask, ask_async):
             with pytest.raises(voxelpipe.DataLoss, match="it ended before its summary"):
                 asked(liar[1])
@@ -267,6 +360,70 @@ def test_another_sha256(liar: tuple[Liar, str], way: str) -> None:
     told(liar[0], result)
     with pytest.raises(voxelpipe.DataLoss, match="its SHA-256 is not the announced one"):
         asked(liar[1], content_hash=True)
+
+
+# Fields of a summary.
+COUNTS = [
+    *(f"stats.{name}" for name in ("triangles", "fragments", "occupied", "odd_columns", "triangles_outside")),
+    *(f"stats.{name}" for name in ("batch_jobs", "attempts")),
+    *(f"report.{name}" for name in ("triangles", "vertices", "degenerate_triangles", "open_edges")),
+    *("peak_bytes", "result_bytes", "sent_bytes", "warnings_left_out"),
+]
+TIMES = ["voxelize_time", "voxelize_cpu_time", "queue_time", "stages"]
+NO_TIMES = [(-1, 0), (0, -1), (1, -1), (-1, 999_999_999), (1 << 62, 0), (-1 << 63, 0), (0, 10**9), (0, (1 << 31) - 1)]
+
+
+@pytest.mark.parametrize("asked", [ask, ask_async, ask_many])
+@pytest.mark.parametrize("path", COUNTS)
+def test_negative_counts(liar: tuple[Liar, str], path: str, asked: Way) -> None:
+    told = honest("dense")
+    *outer, name = path.split(".")
+    for count in (-1, -1 << (31 if name in ("batch_jobs", "attempts") else 63)):
+        setattr(getattr(told.summary, outer[0]) if outer else told.summary, name, count)
+        tell_whole(liar[0], told)
+        with pytest.raises(voxelpipe.DataLoss, match=f"{name} is {count}"):
+            asked(liar[1])
+
+
+@pytest.mark.parametrize("asked", [ask, ask_async, ask_many])
+@pytest.mark.parametrize("name", TIMES)
+def test_times_that_are_none(liar: tuple[Liar, str], name: str, asked: Way) -> None:
+    for seconds, nanos in NO_TIMES:
+        told = honest("dense")
+        stats = told.summary.stats
+        time = stats.stages.add(stage="fill").time if name == "stages" else getattr(stats, name)
+        time.seconds, time.nanos = seconds, nanos
+        tell_whole(liar[0], told)
+        with pytest.raises(voxelpipe.DataLoss, match=f"time is {seconds} s and {nanos} ns"):
+            asked(liar[1])
+
+
+@pytest.mark.parametrize("asked", [ask, ask_async, ask_many])
+@pytest.mark.parametrize("name", ["result_bytes", "peak_bytes"])
+def test_a_plan_of_a_negative_size(liar: tuple[Liar, str], name: str, asked: Way) -> None:
+    told = honest("dense")
+    setattr(told.plan, name, -1)
+    tell(liar[0], told)
+    with pytest.raises(voxelpipe.DataLoss, match="a plan of a negative size"):
+        asked(liar[1])
+
+
+@pytest.mark.parametrize(
+    "backend, simd, names",
+    [
+        (types.BACKEND_CPU, types.SIMD_AVX2, ("cpu", "avx2")),
+        (types.BACKEND_CUDA, types.SIMD_UNSPECIFIED, ("cuda", "cuda")),
+        (types.BACKEND_UNSPECIFIED, types.SIMD_UNSPECIFIED, ("", "")),
+        (77, -3, ("unknown", "unknown")),
+    ],
+)
+def test_enums_of_a_summary_are_texts(liar: tuple[Liar, str], backend: Any, simd: Any, names: tuple[str, str]) -> None:
+    told = honest("dense")
+    told.summary.stats.backend, told.summary.stats.simd = backend, simd
+    told.summary.stats.voxelize_time.seconds, told.summary.stats.voxelize_time.nanos = 1, 500_000
+    tell_whole(liar[0], told)
+    summary = ask(liar[1]).summary
+    assert (summary.backend, summary.simd) == names and summary.voxelize_ms == 1000.5
 
 
 def test_progress_stays_between_0_and_1() -> None:

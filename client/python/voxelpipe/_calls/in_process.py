@@ -59,30 +59,32 @@ def run_all(
     return results
 
 
-def load(file: MeshFile, mesh_id: str, timeout: float | None, progress: Progress) -> Held:
+def load(file: MeshFile, name: str, timeout: float | None, progress: Progress) -> Held:
     """Loads a mesh that stays in memory. Errors: those of voxelize()."""
     core = core_module.running()
     reporter = Reporter(progress)
     try:
-        return core.load(file.data, file.format, file.unit_code, mesh_id, _seconds(timeout), _told(progress, reporter))
+        return core.load(file.data, file.format, file.unit_code, name, _seconds(timeout), _told(progress, reporter))
     except core.Failed as failed:
         raise named(core_module.error_of(failed), file) from None
     finally:
         reporter.close()
 
 
-def estimate(
-    request: Request, file: MeshFile | None, held: Held, timeout: float | None
-) -> service.EstimateVoxelizationResponse:
-    """The plan of a request. Errors: those of voxelize()."""
+def estimate(job: Job, held: Held, timeout: float | None) -> service.EstimateVoxelizationResponse:
+    """The plan of a job with a mesh file, or of a held mesh. Errors: those of voxelize()."""
     core = core_module.running()
-    config = Job(request, file).config().SerializeToString() if file is not None else request.encoded
     try:
-        answer = core.estimate(config, held if file is None else file.data, _seconds(timeout))
+        answer = core.estimate(_request(job), job.data if held is None else held, _seconds(timeout))
     except core.Failed as failed:
-        raise named(core_module.error_of(failed), file) from None
+        raise named(core_module.error_of(failed), job.file) from None
     response: service.EstimateVoxelizationResponse = service.EstimateVoxelizationResponse.FromString(answer)
     return response
+
+
+def _request(job: Job) -> bytes:
+    """The VoxelizeRequest without the bytes of its mesh."""
+    return b"".join(job.message(False))
 
 
 def _seconds(timeout: float | None) -> float:
@@ -100,12 +102,11 @@ def _reader(request: Request, max_result_bytes: int = ANY_BYTES) -> ResultReader
 def _run(job: Job, timeout: float | None, progress: Progress, on_device: bool, held: Held) -> _Answer:
     core = core_module.running()
     reporter = Reporter(progress)
-    config = job.config().SerializeToString() if held is None else job.request.encoded
     positions = None if held is None or job.file is None else job.file.data
     mesh = job.data if held is None else held
     try:
         answer: _Answer = core.run(
-            config, mesh, _seconds(timeout), _told(progress, reporter), on_device, positions
+            _request(job), mesh, _seconds(timeout), _told(progress, reporter), on_device, positions
         )
     except core.Failed as failed:
         raise named(core_module.error_of(failed), job.file) from None

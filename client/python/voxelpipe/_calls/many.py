@@ -1,4 +1,4 @@
-"""Many meshes over one stream, VoxelizeMany: most of the cost of a small job is the call."""
+"""Many meshes over one stream, VoxelizeBatch: most of the cost of a small job is the call."""
 from __future__ import annotations
 
 import math
@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Any, Iterable, Iterator
 
 from .._mesh.forms import MeshFile, load_mesh
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ..errors import DataLoss, DeadlineExceeded, InvalidMesh, MeshNotFound, VoxelpipeError
+from ..errors import Cancelled, DataLoss, DeadlineExceeded, InvalidMesh, MeshNotFound, VoxelpipeError
 from ..grid import VoxelGrid
 from ..mesh_handle import MeshHandle
 from ..request import Request
 from .connection import Connection
-from .crc32c import crc32c
 from .grpc_module import grpc
 from .reader import ResultReader
 from .session import Job, named
 from .status import of_status
-from .wire import joined_jobs, parsed
+from .wire import parsed
 
 if TYPE_CHECKING:
     from ..client import Client
@@ -28,6 +27,7 @@ _ROOM_BYTES = 1 << 16  # of a message, besides its mesh
 _MESSAGE_JOBS = 256
 _LATE = "not done within the timeout, counted from when the mesh was sent"
 _WATCH_S = 0.1  # between two looks for late jobs
+_ANSWER_S = 1.0  # in which the server answers that a job is cancelled
 
 
 class _Clock:
@@ -51,20 +51,24 @@ class _Clock:
 
 
 class _Waiting:
-    """A job without a complete answer. late_at: by the run's clock."""
+    """A job without a complete answer. late_at: by the run's clock; the job is cancelled then."""
 
     def __init__(self, job: Job, file: MeshFile | None, reader: ResultReader, late_at: float) -> None:
         self.job = job
         self.file = file
         self.reader = reader
         self.late_at = late_at
+        self.cancelled = False
 
 
 class _Watch:
-    """Cancels a stream when one of its jobs is late: the stream as a whole has no deadline."""
+    """Cancels the late jobs of a stream, and the stream if the server does not answer to that: as a whole it has no
+    deadline. BatchJob.timeout would count while the caller works, too.
+    """
 
-    def __init__(self, call: Any, waiting: dict[int, _Waiting], clock: _Clock) -> None:
+    def __init__(self, call: Any, requests: "Requests", waiting: dict[int, _Waiting], clock: _Clock) -> None:
         self._call = call
+        self._requests = requests
         self._waiting = waiting
         self._clock = clock
         self._ended = threading.Event()
@@ -77,9 +81,14 @@ class _Watch:
     def _run(self) -> None:
         while not self._ended.wait(_WATCH_S):
             now = self._clock.now()
-            if any(job.late_at <= now for job in list(self._waiting.values())):
+            late = {number: job for number, job in list(self._waiting.items()) if job.late_at <= now}
+            if any(job.late_at + _ANSWER_S <= now for job in late.values()):
                 self._call.cancel()
                 return
+            for number, job in late.items():
+                if not job.cancelled:
+                    job.cancelled = True
+                    self._requests.cancel(number)
 
 
 class Requests:
@@ -91,29 +100,33 @@ class Requests:
         self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._most_bytes = most_bytes
 
-    def put(self, job: bytes | None) -> None:
-        """Adds a job, a VoxelizeManyRequest; None ends the stream."""
-        self._queue.put(job)
+    def put(self, request: bytes | None) -> None:
+        """Adds a VoxelizeBatchRequest of one job; None ends the stream."""
+        self._queue.put(request)
+
+    def cancel(self, number: int) -> None:
+        """Adds that a job is no longer wanted."""
+        self._queue.put(service.VoxelizeBatchRequest(cancel=[number]).SerializeToString())
 
     def __iter__(self) -> Iterator[bytes]:
         first = self._queue.get()
         while first is not None:
-            jobs, size = [first], len(first)
+            joined, size = [first], len(first)
             first = None
-            while len(jobs) < _MESSAGE_JOBS:
+            while len(joined) < _MESSAGE_JOBS:
                 try:
-                    job = self._queue.get_nowait()
+                    request = self._queue.get_nowait()
                 except queue.Empty:
                     break
-                if job is None:
-                    yield joined_jobs(jobs)
+                if request is None:
+                    yield b"".join(joined)
                     return
-                size += len(job) + 8
+                size += len(request)
                 if size > self._most_bytes:
-                    first = job
+                    first = request
                     break
-                jobs.append(job)
-            yield joined_jobs(jobs)
+                joined.append(request)
+            yield b"".join(joined)
             first = self._queue.get() if first is None else first
 
 
@@ -178,9 +191,9 @@ class Many:
     def _send(self, number: int, mesh: Any) -> None:
         try:
             job, file = self._job(mesh)
-            if len(job.data) > self._client.max_message_bytes() - _ROOM_BYTES and not job.mesh_id:
+            if len(job.data) > self._client.max_message_bytes() - _ROOM_BYTES and not job.stored:
                 handle = self._client.upload(job.file, timeout=self._timeout)
-                job, file = Job(self._request, None, handle.mesh_id), job.file
+                job, file = Job(self._request, None, handle.name), job.file
         except VoxelpipeError as error:
             self._done[number] = error
             return
@@ -196,21 +209,17 @@ class Many:
         timeout = options.timeout if self._timeout is None else self._timeout
         late_at = self._clock.now() + (math.inf if timeout is None else timeout)
         self._waiting[number] = _Waiting(job, file, reader, late_at)
-        data = bytes(job.data)
-        message = service.VoxelizeManyRequest(
-            id=number, config=job.config(), mesh=data, crc32c=crc32c(data), takes_more=True
-        )
-        self._requests.put(message.SerializeToString())
+        self._requests.put(job.batch_job(number))
 
     def _job(self, mesh: Any) -> tuple[Job, MeshFile | None]:
         if isinstance(mesh, MeshHandle):
-            return Job(self._request, None, mesh.mesh_id), mesh.file
+            return Job(self._request, None, mesh.name), mesh.file
         return Job(self._request, load_mesh(mesh)), None
 
     def _open(self) -> None:
         self._requests = Requests(self._client.max_message_bytes() - _ROOM_BYTES)
-        self._call, self._request_id = self._connection.stream("VoxelizeMany", iter(self._requests), None)
-        self._watch = _Watch(self._call, self._waiting, self._clock)
+        self._call, self._request_id = self._connection.stream("VoxelizeBatch", iter(self._requests), None)
+        self._watch = _Watch(self._call, self._requests, self._waiting, self._clock)
 
     def _end(self) -> None:
         if self._watch is not None:
@@ -222,9 +231,9 @@ class Many:
         self._call = None
 
     def _receive(self) -> None:
-        """Takes one response. If the stream has failed, its jobs are made as single calls, with their retries.
+        """Takes one message. If the stream has failed, its jobs are made as single calls, with their retries.
 
-        If a response belongs to no job, all that wait have that as their error.
+        If a reply belongs to no job, all that wait have that as their error.
         """
         self._clock.start()
         try:
@@ -244,44 +253,39 @@ class Many:
         finally:
             self._clock.stop()
         try:
-            response = parsed(service.VoxelizeManyResponse, data)
-            self._take(response)
-            for one in response.more:
-                self._take(one)
+            for reply in parsed(service.VoxelizeBatchResponse, data).replies:
+                self._take(reply)
         except DataLoss as error:
             self._end()
             self._done.update((number, error) for number in self._waiting)
             self._waiting.clear()
 
-    def _take(self, response: Any) -> None:
-        """Errors: DataLoss if the response belongs to no job; those of the job itself are its result."""
-        number = response.id
+    def _take(self, reply: service.BatchReply) -> None:
+        """Errors: DataLoss if the reply belongs to no job; those of the job itself are its result."""
+        number = reply.id
         waiting = self._waiting.get(number)
         if waiting is None:
             if number in self._refused:
                 return
             raise DataLoss(f"the server's answer: to job {number}, which waits for none", request_id=self._request_id)
-        which = response.WhichOneof("answer")
         try:
-            if which == "whole":
-                waiting.reader.add_whole(response.whole)
-            elif which == "part":
-                waiting.reader.add(response.part)
-                if not waiting.reader.complete:
-                    return
-            elif which == "error":
-                error = of_status(response.error, self._connection.options.server, self._request_id)
+            if reply.HasField("error"):
+                error = of_status(reply.error, self._connection.options.server, self._request_id)
+                if waiting.cancelled and isinstance(error, Cancelled):
+                    raise DeadlineExceeded(_LATE, request_id=self._request_id)
                 if error.retryable or isinstance(error, MeshNotFound):
                     self._alone(number)
                     return
                 raise error
-            else:
+            waiting.reader.add(reply.response)
+            if not waiting.reader.complete:
                 return
             self._done[number] = waiting.reader.finish()
         except VoxelpipeError as error:
             self._done[number] = named(error, waiting.file or waiting.job.file)
-            if which == "part":
+            if reply.HasField("response") and not reply.response.HasField("summary"):
                 self._refused.add(number)
+                self._requests.cancel(number)
         self._waiting.pop(number, None)
 
     def _alone(self, number: int) -> VoxelGrid | VoxelpipeError:

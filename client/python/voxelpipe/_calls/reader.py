@@ -8,8 +8,8 @@ from typing import Any, Callable, Sequence
 import numpy
 import numpy.typing
 
+from .._proto.voxelpipe.v1 import request_pb2, result_pb2
 from .._proto.voxelpipe.v1 import types_pb2 as types
-from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..device import DeviceArray, DeviceGrid
 from ..errors import DataLoss, MissingPackage, TooLarge
 from ..grid import VoxelGrid
@@ -19,15 +19,19 @@ from ..request import Request
 from ..targets import DTYPES
 from .crc32c import crc32c
 from .destination import LIST_DTYPES, Destination, memory_bytes, wire_bytes
-from .wire import Piece, parsed, read_piece
+from .wire import Piece, parsed, read_pieces
 
 Report = Callable[[str, float, int], None]
 
-_MAX_RAW_BYTES = 64 << 20  # of one compressed piece
+_MAX_UNCOMPRESSED_BYTES = 64 << 20  # of one compressed piece
 _MAX_FRAGMENTS = 1 << 53
 _MAX_DIMENSIONS = 4  # nz, ny, nx, components
 _BRICKS_AT_ONCE = 1 << 14
-_KINDS = {types.RESULT_KIND_DENSE: "dense", types.RESULT_KIND_SPARSE: "sparse", types.RESULT_KIND_BUCKETS: "buckets"}
+_KINDS: dict[int, str] = {
+    request_pb2.RESULT_KIND_DENSE: "dense",
+    request_pb2.RESULT_KIND_SPARSE: "sparse",
+    request_pb2.RESULT_KIND_BUCKETS: "buckets",
+}
 _LISTS = {"dense": (), "sparse": ("brick", "mask"), "buckets": ("voxel", "offset", "triangle")}
 _LIST_TYPES = {"brick": "u64", "mask": "u8", "voxel": "u64", "offset": "u64", "triangle": "u32"}
 _ELEMENTS: dict[int, str] = {
@@ -69,64 +73,55 @@ class ResultReader:
         self._array = self._offset = self._received = self._total = 0
         self._values = 0  # of sparse results, as announced
         self._planned = False
-        self._summary: service.Summary | None = None
+        self._summary: result_pb2.Summary | None = None
         self._hash = hashlib.sha256() if request.content_hash else None
 
     def add_bytes(self, message: bytes) -> None:
         """A VoxelizeResponse, encoded. Errors: DataLoss, TooLarge."""
-        piece = read_piece(message)
-        if piece is not None:
-            self._add_piece(piece)
+        pieces = read_pieces(message)
+        if pieces is None:
+            self.add(parsed(result_pb2.VoxelizeResponse, message))
             return
-        self.add(parsed(service.VoxelizeResponse, message))
+        for piece in pieces:
+            self._add_piece(piece)
 
     @property
     def complete(self) -> bool:
-        """True if the summary has come, the last message of a result."""
+        """True if the summary has come, the last part of a result."""
         return self._summary is not None
 
-    def add(self, response: service.VoxelizeResponse) -> None:
-        """A VoxelizeResponse. Errors: DataLoss, TooLarge."""
-        which = response.WhichOneof("message")
-        if which == "accepted":
-            self._add_plan(response.accepted)
-        elif which == "progress":
+    def add(self, response: result_pb2.VoxelizeResponse) -> None:
+        """A VoxelizeResponse: any parts of a result, in their order. Errors: DataLoss, TooLarge."""
+        if self.complete:
+            raise _lost("a message after its summary")
+        if response.HasField("plan"):
+            self._add_plan(response.plan)
+        if response.HasField("progress"):
             self._add_progress(response.progress)
-        elif which == "header":
+        if response.HasField("header"):
             self._add_header(response.header)
-        elif which == "piece":
-            self._add_message_piece(response.piece)
-        elif which == "summary":
+        for piece in response.pieces:
+            self._add_piece(Piece.of(piece))
+        if response.HasField("summary"):
             self._add_summary(response.summary)
-        elif which == "whole":
-            self.add_whole(response.whole)
-
-    def add_whole(self, whole: service.WholeResult) -> None:
-        """A small result in one message. Errors: DataLoss, TooLarge."""
-        if whole.HasField("accepted"):
-            self._add_plan(whole.accepted)
-        self._add_header(whole.header)
-        for piece in whole.pieces:
-            self._add_message_piece(piece)
-        self._add_summary(whole.summary)
 
     def taken_over(self, header: bytes, arrays: Sequence[Array], summary: bytes) -> VoxelGrid:
         """A result that was made in this process: ResultHeader, flat bytes of each array, Summary. Errors: DataLoss."""
-        specs = self._read_header(service.ResultHeader.FromString(header))
+        specs = self._read_header(result_pb2.ResultHeader.FromString(header))
         self._header = header
         if len(specs) != len(arrays):
             raise _lost(f"{len(arrays)} arrays, announced were {len(specs)}")
         unpack = not self._request.packed_bits
         taken = [_taken_over(element, shape, unpack, data) for (element, shape), data in zip(specs, arrays)]
-        return self._grid(taken, service.Summary.FromString(summary))
+        return self._grid(taken, result_pb2.Summary.FromString(summary))
 
     def taken_on_device(self, header: bytes, buffers: Sequence[Any], summary: bytes) -> DeviceGrid:
         """A dense result whose arrays are voxelpipe_core.DeviceBuffer objects. Errors: DataLoss."""
-        specs = self._read_header(service.ResultHeader.FromString(header))
+        specs = self._read_header(result_pb2.ResultHeader.FromString(header))
         if [buffer.size for buffer in buffers] != [wire_bytes(element, shape) for element, shape in specs]:
             raise _lost("arrays of other sizes than announced")
         assert self._place is not None
-        message = service.Summary.FromString(summary)
+        message = result_pb2.Summary.FromString(summary)
         arrays = {
             target.name: DeviceArray(buffer, shape if element != "bit" else (buffer.size,), _DEVICE_DTYPES[element])
             for target, buffer, (element, shape) in zip(self._request.targets, buffers, specs)
@@ -147,54 +142,57 @@ class ResultReader:
         check_lists(self._kind, self._place, lists, self._values)
         return self._grid([destination.array for destination in self._arrays], self._summary)
 
-    def _grid(self, arrays: list[Array], summary: service.Summary) -> VoxelGrid:
+    def _grid(self, arrays: list[Array], summary: result_pb2.Summary) -> VoxelGrid:
         assert self._place is not None
         lists = dict(zip(_LISTS[self._kind], arrays))
         return VoxelGrid(
             kind=self._kind,  # type: ignore[arg-type]
             place=self._place,
-            layout="planar" if self._request.config.layout == types.LAYOUT_PLANAR else "interleaved",
+            layout="planar" if self._request.spec.layout == request_pb2.LAYOUT_PLANAR else "interleaved",
             targets=self._request.targets,
             stored={target.name: arrays[len(lists) + i] for i, target in enumerate(self._request.targets)},
             lists=lists,
             packed_bits=self._request.packed_bits,
             warnings=read_warnings(summary),
             summary=Summary.of(summary, self._request_id),
-            _config=self._request.encoded,
+            _request=self._request.encoded,
             _header=self._header,
         )
 
-    def _add_plan(self, plan: service.VoxelizationPlan) -> None:
+    def _add_plan(self, plan: result_pb2.VoxelizationPlan) -> None:
         if self._planned:
             raise _lost("a second plan")
+        if self._place is not None:
+            raise _lost("a plan after the header")
+        if min(plan.result_bytes, plan.peak_bytes) < 0:
+            raise _lost("a plan of a negative size")
         read_place(plan.grid)
         self._planned = True
 
-    def _add_progress(self, progress: service.Progress) -> None:
+    def _add_progress(self, progress: result_pb2.Progress) -> None:
         if math.isnan(progress.fraction):
             raise _lost("a progress that is no number")
         if self._report:
             self._report(progress.stage, progress.fraction, self._received)
 
-    def _add_header(self, header: service.ResultHeader) -> None:
+    def _add_header(self, header: result_pb2.ResultHeader) -> None:
         specs = self._read_header(header)
         self._header = header.SerializeToString()
         unpack = not self._request.packed_bits
         self._arrays = [Destination(element, shape, unpack) for element, shape in specs]
 
-    def _read_header(self, header: service.ResultHeader) -> list[tuple[str, tuple[int, ...]]]:
+    def _read_header(self, header: result_pb2.ResultHeader) -> list[tuple[str, tuple[int, ...]]]:
         """Element and shape of each array. Errors: DataLoss, TooLarge."""
         if self._place is not None:
             raise _lost("a second header")
         place = read_place(header.grid)
         self._check_grid(place)
-        wanted = self._request.config.result or types.RESULT_KIND_DENSE
-        if header.kind != wanted:
-            raise _lost(f"a result of kind {header.kind}, requested was {wanted}")
-        layout = self._request.config.layout or types.LAYOUT_INTERLEAVED
-        if header.layout != layout:
-            raise _lost(f"a result of layout {header.layout}, requested was {layout}")
-        self._kind = _KINDS[wanted]
+        asked, made = self._request.spec, header.spec
+        if made.result != asked.result:
+            raise _lost(f"a result of kind {made.result}, requested was {asked.result}")
+        if made.layout != asked.layout:
+            raise _lost(f"a result of layout {made.layout}, requested was {asked.layout}")
+        self._kind = _KINDS[asked.result]
         specs = self._expected(header, place)
         self._total = sum(wire_bytes(element, shape) for element, shape in specs)
         unpack = not self._request.packed_bits
@@ -209,7 +207,7 @@ class ResultReader:
         self._place = place
         return specs
 
-    def _expected(self, header: service.ResultHeader, place: GridPlace) -> list[tuple[str, tuple[int, ...]]]:
+    def _expected(self, header: result_pb2.ResultHeader, place: GridPlace) -> list[tuple[str, tuple[int, ...]]]:
         """Element and shape of each array, checked against the request and the grid."""
         lists = _LISTS[self._kind]
         names = [*lists, *(f"target{i}" for i in range(len(self._request.targets)))]
@@ -220,9 +218,11 @@ class ResultReader:
                 raise _lost(f"an array that is not '{name}' in its place")
             if not 1 <= len(array.shape) <= _MAX_DIMENSIONS:
                 raise _lost(f"its array {name} has a shape of {len(array.shape)} numbers")
+            if min(array.shape) < 0:
+                raise _lost(f"its array {name} has a shape of {min(array.shape)} elements")
         elements = [_element(array.element_type) for array in header.arrays]
         shapes = [tuple(int(axis) for axis in array.shape) for array in header.arrays]
-        planar = self._request.config.layout == types.LAYOUT_PLANAR
+        planar = self._request.spec.layout == request_pb2.LAYOUT_PLANAR
         *listed, base = _counted(self._kind, shapes, planar, place)
         for i, name in enumerate(lists):
             if elements[i] != _LIST_TYPES[name] or shapes[i] != listed[i]:
@@ -240,23 +240,22 @@ class ResultReader:
         return list(zip(elements, shapes))
 
     def _check_grid(self, place: GridPlace) -> None:
-        grid = self._request.config.grid
+        grid = self._request.spec.grid
+        form = grid.WhichOneof("form")
         padding = 2 * grid.padding
-        if grid.HasField("dims"):
-            wanted = tuple(axis + padding for axis in (grid.dims.x, grid.dims.y, grid.dims.z))
+        given: Any = grid.placement if form == "placement" else grid
+        if form == "resolution":
+            voxels = grid.resolution.voxels
+            if max(place.dims) > voxels + padding:
+                raise _lost(f"its dims are {place.dims}, requested was resolution {voxels}, padding {grid.padding}")
+        if form in ("dims", "placement"):
+            wanted = tuple(axis + padding for axis in (given.dims.x, given.dims.y, given.dims.z))
             if place.dims != wanted:
                 raise _lost(f"its dims are {place.dims}, requested were {wanted}")
-        elif not grid.HasField("voxel_size") and max(place.dims) > grid.resolution + padding:
-            raise _lost(
-                f"its dims are {place.dims}, requested was resolution {grid.resolution}, padding {grid.padding}"
-            )
-        size = (grid.voxel_size.x, grid.voxel_size.y, grid.voxel_size.z)
-        if grid.HasField("voxel_size") and place.voxel_size != size:
-            raise _lost("its voxel size is not the requested one")
-
-    def _add_message_piece(self, piece: service.ResultPiece) -> None:
-        data = memoryview(piece.data)
-        self._add_piece(Piece(piece.target, piece.offset, data, piece.crc32c, piece.raw_bytes))
+        if form in ("voxel_size", "placement"):
+            size = given.voxel_size
+            if place.voxel_size != (size.x, size.y, size.z):
+                raise _lost("its voxel size is not the requested one")
 
     def _add_piece(self, piece: Piece) -> None:
         if self._place is None:
@@ -268,31 +267,32 @@ class ResultReader:
             self._offset = 0
         if self._array == len(self._arrays):
             raise _lost("more bytes than announced")
-        if (piece.target, piece.offset) != (self._array, self._offset):
+        if (piece.array, piece.offset) != (self._array, self._offset):
             raise _lost(
-                f"a piece of array {piece.target} at offset {piece.offset}, expected was array {self._array} at "
+                f"a piece of array {piece.array} at offset {piece.offset}, expected was array {self._array} at "
                 f"{self._offset}"
             )
         destination = self._arrays[self._array]
-        raw_bytes = piece.raw_bytes or len(piece.data)
-        if raw_bytes > destination.wire_bytes - self._offset or (piece.raw_bytes and raw_bytes > _MAX_RAW_BYTES):
-            raise _lost(f"a piece of {raw_bytes} bytes at offset {self._offset} of array {self._array} is too long")
+        compressed = piece.uncompressed_bytes is not None
+        size = len(piece.data) if piece.uncompressed_bytes is None else piece.uncompressed_bytes
+        if size < 1:
+            raise _lost(f"a compressed piece of {size} bytes")
+        if size > destination.wire_bytes - self._offset or (compressed and size > _MAX_UNCOMPRESSED_BYTES):
+            raise _lost(f"a piece of {size} bytes at offset {self._offset} of array {self._array} is too long")
         if crc32c(piece.data) != piece.crc32c:
             raise _lost(f"the CRC32C of the piece at offset {self._offset} of array {self._array} does not match")
-        data: Any = _decompressed(piece.data, raw_bytes) if piece.raw_bytes else piece.data
+        data: Any = _decompressed(piece.data, size) if compressed else piece.data
         destination.write(self._offset, data)
         if self._hash:
             self._hash.update(data)
-        self._offset += raw_bytes
-        self._received += raw_bytes
+        self._offset += size
+        self._received += size
         if self._report:
             self._report("download", self._received / self._total, self._received)
 
-    def _add_summary(self, summary: service.Summary) -> None:
+    def _add_summary(self, summary: result_pb2.Summary) -> None:
         if self._place is None:
             raise _lost("a summary before the header")
-        if self._summary is not None:
-            raise _lost("a second summary")
         if self._received != self._total:
             raise _lost(f"it ended after {self._received} of {self._total} bytes")
         if self._hash and self._hash.hexdigest() != summary.content_sha256:
@@ -331,18 +331,18 @@ def _counted(kind: str, shapes: list[tuple[int, ...]], planar: bool, place: Grid
     return counted
 
 
-def _decompressed(data: memoryview, raw_bytes: int) -> bytes:
+def _decompressed(data: memoryview, size: int) -> bytes:
     try:
         import zstandard
     except ImportError as error:
         raise MissingPackage("compression='zstd' needs the package zstandard", package="zstandard") from error
     try:
-        if zstandard.frame_content_size(data) != raw_bytes:
+        if zstandard.frame_content_size(data) != size:
             raise _lost("a compressed piece that is not one zstd frame of the announced size")
-        result = zstandard.ZstdDecompressor().decompress(data, max_output_size=raw_bytes, allow_extra_data=False)
+        result = zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise _lost("a compressed piece is broken") from error
-    if len(result) != raw_bytes:
+    if len(result) != size:
         raise _lost("a compressed piece is broken")
     return bytes(result)
 

@@ -11,13 +11,13 @@ import numpy
 
 from .._mesh.forms import MeshFile
 from .._mesh.glb import as_numpy
+from .._proto.voxelpipe.v1 import mesh_pb2, request_pb2
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..errors import DataLoss, InvalidMesh, InvalidRequest, TooLarge, VoxelpipeError
 from ..report import StoredMesh
 from ..request import Request
 from . import wire as _wire
 from .address import check_address
-from .crc32c import crc32c
 from .progress import Reporter
 
 SERVICE = "/voxelpipe.v1.VoxelizationService/"
@@ -159,27 +159,37 @@ def naming(file: MeshFile | None) -> Iterator[None]:
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """A request with its mesh: the file, or the id of a kept mesh and perhaps new positions."""
+    """A request with its mesh: the file, or the name of a kept mesh and perhaps new positions."""
 
     request: Request
     file: MeshFile | None
-    mesh_id: str = ""
-
-    def config(self) -> service.VoxelizeConfig:
-        """The config of the call."""
-        config = service.VoxelizeConfig()
-        config.CopyFrom(self.request.config)
-        if self.file is not None:
-            config.mesh_format = self.file.format  # type: ignore[assignment]
-            config.mesh_unit = self.file.unit_code  # type: ignore[assignment]
-        config.mesh_id = self.mesh_id
-        config.new_positions = bool(self.mesh_id) and self.file is not None
-        return config
+    stored: str = ""
 
     @property
     def data(self) -> memoryview:
-        """The bytes that follow the config."""
+        """The bytes of the file or of the new positions, if any."""
         return memoryview(b"") if self.file is None else self.file.data
+
+    def source(self, with_data: bool) -> _wire.Parts:
+        """The MeshSource, with the data or without."""
+        kind: Any = request_pb2.MeshPositions if self.stored else request_pb2.MeshBytes
+        data: list[Any] = []
+        if with_data and self.file is not None:
+            data += _wire.checked_bytes(self.data, kind.DATA_FIELD_NUMBER, kind.CRC32C_FIELD_NUMBER)
+        if not self.stored:
+            if self.file is not None:
+                given = kind(format=self.file.format, unit=self.file.unit_code)
+                data.append(given.SerializeToString())
+            return _wire.field(request_pb2.MeshSource.BYTES_FIELD_NUMBER, data)
+        mesh: list[Any] = [request_pb2.StoredMesh(name=self.stored).SerializeToString()]
+        if self.file is not None:
+            mesh += _wire.field(request_pb2.StoredMesh.POSITIONS_FIELD_NUMBER, data)
+        return _wire.field(request_pb2.MeshSource.STORED_FIELD_NUMBER, mesh)
+
+    def message(self, with_data: bool) -> _wire.Parts:
+        """The VoxelizeRequest, with the data or without."""
+        mesh = _wire.field(request_pb2.VoxelizeRequest.MESH_FIELD_NUMBER, self.source(with_data))
+        return [*mesh, self.request.encoded]
 
     def in_one_message(self) -> bool:
         """True if the mesh fits into one message."""
@@ -189,53 +199,72 @@ class Job:
         """True if the result surely fits into one message."""
         return self.request.small_result(SMALL_BYTES)
 
-    def mesh_request(self, report: Reporter) -> bytes:
-        """The VoxelizeMeshRequest."""
+    def whole(self, report: Reporter) -> bytes:
+        """The VoxelizeRequest of a call with one message."""
         report("upload", 0.0, 0)
-        data = self.data
-        message = service.VoxelizeMeshRequest(config=self.config(), mesh=bytes(data), crc32c=crc32c(data))
-        return bytes(message.SerializeToString())
+        return b"".join(self.message(True))
 
-    def messages(self, report: Reporter) -> Iterator[bytes]:
-        """The VoxelizeRequests of a stream."""
-        yield service.VoxelizeRequest(config=self.config()).SerializeToString()
-        field = service.VoxelizeRequest
-        data = self.data
-        for at in range(0, len(data), _wire.UPLOAD_PIECE_BYTES):
-            report("upload", at / len(data), 0)
-            piece = data[at : at + _wire.UPLOAD_PIECE_BYTES]
-            yield _wire.write_piece(piece, field.MESH_PIECE_FIELD_NUMBER, field.CRC32C_FIELD_NUMBER)
+    def upload(self, report: Reporter) -> Iterator[bytes]:
+        """The VoxelizeUploadRequests of a call."""
+        field = service.VoxelizeUploadRequest
+        yield b"".join(_wire.field(field.REQUEST_FIELD_NUMBER, self.message(False)))
+        yield from _pieces(self.data, field, report)
 
+    def batch_job(self, number: int) -> bytes:
+        """A VoxelizeBatchRequest with this job. In: its id."""
+        job = [
+            _wire.number_field(service.BatchJob.ID_FIELD_NUMBER, number),
+            *_wire.field(service.BatchJob.REQUEST_FIELD_NUMBER, self.message(True)),
+        ]
+        return b"".join(_wire.field(service.VoxelizeBatchRequest.JOBS_FIELD_NUMBER, job))
 
-def upload_messages(file: MeshFile, mesh_id: str, report: Reporter) -> Iterator[bytes]:
-    """The UploadMeshRequests of a mesh."""
-    upload = service.MeshUpload(
-        mesh_format=file.format, mesh_id=mesh_id, mesh_unit=file.unit_code  # type: ignore[arg-type]
-    )
-    yield service.UploadMeshRequest(upload=upload).SerializeToString()
-    field = service.UploadMeshRequest
-    for at in range(0, len(file.data), _wire.UPLOAD_PIECE_BYTES):
-        report("upload", at / len(file.data), 0)
-        piece = file.data[at : at + _wire.UPLOAD_PIECE_BYTES]
-        yield _wire.write_piece(piece, field.PIECE_FIELD_NUMBER, field.CRC32C_FIELD_NUMBER)
+    def estimate(self) -> bytes:
+        """The EstimateVoxelizationRequest."""
+        asked = self.request.message
+        rest = service.EstimateVoxelizationRequest(spec=asked.spec, execution=asked.execution)
+        mesh = _wire.field(service.EstimateVoxelizationRequest.MESH_FIELD_NUMBER, self.source(True))
+        return b"".join([*mesh, rest.SerializeToString()])
 
 
-def uploaded(answer: bytes | None, mesh_id: str) -> service.UploadMeshResponse:
-    """The answer to an upload. In: the mesh's id. Errors: DataLoss if it is none, or of another mesh."""
-    response: service.UploadMeshResponse = _wire.parsed(service.UploadMeshResponse, answer)
-    kept = StoredMesh.of(response.mesh).mesh_id
-    if kept != mesh_id:
-        raise DataLoss(f"the server keeps the mesh {mesh_id} as {kept}")
-    return response
+def _pieces(data: memoryview, field: Any, report: Reporter) -> Iterator[bytes]:
+    """The messages of an upload after the first. In: their class."""
+    for at in range(0, len(data), _wire.UPLOAD_PIECE_BYTES):
+        report("upload", at / len(data), 0)
+        piece = data[at : at + _wire.UPLOAD_PIECE_BYTES]
+        yield b"".join(_wire.checked_bytes(piece, field.PIECE_FIELD_NUMBER, field.CRC32C_FIELD_NUMBER))
 
 
-def estimate_request(request: Request, file: MeshFile | None, mesh_id: str) -> bytes:
-    """The EstimateVoxelizationRequest."""
-    message = service.EstimateVoxelizationRequest(config=request.config)
-    if file is None:
-        message.mesh_id = mesh_id
-    else:
-        message.config.mesh_format = file.format  # type: ignore[assignment]
-        message.config.mesh_unit = file.unit_code  # type: ignore[assignment]
-        message.mesh_bytes = bytes(file.data)
-    return bytes(message.SerializeToString())
+def upload_messages(file: MeshFile, name: str, report: Reporter) -> Iterator[bytes]:
+    """The UploadMeshRequests of a mesh. In: its name."""
+    upload = mesh_pb2.MeshUpload(format=file.format, unit=file.unit_code, expected_id=name)  # type: ignore[arg-type]
+    yield mesh_pb2.UploadMeshRequest(upload=upload).SerializeToString()
+    yield from _pieces(file.data, mesh_pb2.UploadMeshRequest, report)
+
+
+def uploaded(answer: bytes | None, name: str) -> mesh_pb2.Mesh:
+    """The answer to an upload. In: the mesh's name. Errors: DataLoss if it is none, or of another mesh."""
+    mesh: mesh_pb2.Mesh = _wire.parsed(mesh_pb2.Mesh, answer)
+    kept = StoredMesh.of(mesh).name
+    if kept != name:
+        raise DataLoss(f"the server keeps the mesh {name} as {kept}")
+    return mesh
+
+
+def listed_meshes(
+    answer: bytes | None, request: mesh_pb2.ListMeshesRequest
+) -> tuple[list[StoredMesh], mesh_pb2.ListMeshesRequest | None]:
+    """A page of meshes, and the request of the next one, if any. Errors: DataLoss."""
+    page = _wire.parsed(mesh_pb2.ListMeshesResponse, answer)
+    token = page.next_page_token
+    if token and (token == request.page_token or not page.meshes):
+        raise DataLoss("the server's answer: a list of meshes without an end")
+    meshes = [StoredMesh.of(mesh) for mesh in page.meshes]
+    return meshes, mesh_pb2.ListMeshesRequest(page_token=token) if token else None
+
+
+def freed_bytes(answer: bytes | None) -> int:
+    """The answer to ReleaseMesh. Errors: DataLoss."""
+    freed = int(_wire.parsed(mesh_pb2.ReleaseMeshResponse, answer).freed_bytes)
+    if freed < 0:
+        raise DataLoss(f"the server's answer: freed_bytes is {freed}")
+    return freed

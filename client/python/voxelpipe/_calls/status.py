@@ -7,14 +7,13 @@ from typing import Any, Iterable
 from .. import errors
 from .._proto.google.rpc import error_details_pb2 as details_pb2
 from .._proto.google.rpc import status_pb2
+from .._proto.voxelpipe.v1 import error_pb2
+from .._version import CONTRACT_REVISION
 from .wire import parsed
 
 _DETAILS = "grpc-status-details-bin"
 _PUSHBACK = "grpc-retry-pushback-ms"
 _MAX_DELAY_S = 3600.0  # a server's delay counts as at most this
-_MAX_NUMBER_DIGITS = 20  # of 64 bits
-_MESH_FORMATS = ("glTF", "GLB", "draco", "meshopt compression", "STL", "PLY", "OFF", "OBJ", "3MF")
-_MESH_PLACES = (*_MESH_FORMATS, "mesh", "buffer", "accessor", "image", "node")
 # gRPC's texts, lower case, where it has no connection for a call: it says so in no other way.
 _NO_CONNECTION = ("failed to connect to all addresses", "connections to all backends failing", "dns resolution failed")
 _BY_CODE: dict[str, type[errors.VoxelpipeError]] = {
@@ -33,6 +32,7 @@ _DETAIL_KINDS: tuple[Any, ...] = (
     details_pb2.RetryInfo,
     details_pb2.QuotaFailure,
     details_pb2.ResourceInfo,
+    error_pb2.LimitExceeded,
 )
 _NAMES = (
     "OK CANCELLED UNKNOWN INVALID_ARGUMENT DEADLINE_EXCEEDED NOT_FOUND ALREADY_EXISTS PERMISSION_DENIED "
@@ -58,6 +58,12 @@ def of_call(
                 pushback = float(value) / 1000
             except ValueError:
                 continue
+    if code == "UNIMPLEMENTED" and not status.code:  # of gRPC, or of a proxy: errors of the service have details
+        why = f": {message}" if message else ""
+        message = (
+            f"the server at {target} speaks another version of the contract; "
+            f"this client was made for revision {CONTRACT_REVISION}{why}"
+        )
     return _made(code, message, status, pushback, target, request_id)
 
 
@@ -98,11 +104,11 @@ def _made(
     if code == "INVALID_ARGUMENT":
         violations = found["BadRequest"].field_violations if "BadRequest" in found else []
         field = violations[0].field if violations else ""
-        of_mesh = field.startswith(_MESH_PLACES) and not field.startswith(("mesh_id", "mesh_format", "mesh_unit"))
+        of_mesh = "ErrorInfo" in found and found["ErrorInfo"].reason == "INVALID_MESH"
         return (errors.InvalidMesh if of_mesh else errors.InvalidRequest)(message, field=field, **common)
     if code == "RESOURCE_EXHAUSTED":
         if delay is None:
-            return _too_large(message, found.get("ErrorInfo"), common)
+            return _too_large(message, found.get("LimitExceeded"), common)
         if "QuotaFailure" in found:
             violations = found["QuotaFailure"].violations
             subject = violations[0].subject if violations else ""
@@ -116,29 +122,18 @@ def _made(
         return errors.Unavailable(f"{target}: {message}{hint}", retry_after=delay, connected=connected, **common)
     if code == "NOT_FOUND":
         name = found["ResourceInfo"].resource_name if "ResourceInfo" in found else ""
-        return errors.MeshNotFound(message, mesh_id=name, **common)
+        return errors.MeshNotFound(message, name=name, **common)
     return _BY_CODE.get(code, errors.ServerFailed)(message, **common)
 
 
-def _too_large(message: str, info: Any, common: dict[str, Any]) -> errors.TooLarge:
-    metadata = dict(info.metadata) if info is not None else {}
-
-    def number(key: str) -> int | None:
-        text = metadata.get(key, "")
-        return int(text) if text.isdecimal() and len(text) <= _MAX_NUMBER_DIGITS else None
-
-    size: tuple[float, float, float] | None = None
-    try:
-        x, y, z = (float(part) for part in metadata.get("smallest_voxel_size", "").split(","))
-        if all(0 < axis < math.inf for axis in (x, y, z)):
-            size = (x, y, z)
-    except ValueError:
-        pass
+def _too_large(message: str, limit: Any, common: dict[str, Any]) -> errors.TooLarge:
+    limit = limit or error_pb2.LimitExceeded()
+    size = limit.voxel_size.x, limit.voxel_size.y, limit.voxel_size.z
     return errors.TooLarge(
         message,
-        need_bytes=number("need_bytes"),
-        limit_bytes=number("limit_bytes"),
-        largest_resolution=number("largest_resolution"),
-        smallest_voxel_size=size,
+        need_bytes=limit.need_bytes if limit.need_bytes > 0 else None,
+        limit_bytes=limit.limit_bytes if limit.limit_bytes > 0 else None,
+        largest_resolution=limit.resolution if limit.resolution > 0 else None,
+        smallest_voxel_size=size if all(0 < axis < math.inf for axis in size) else None,
         **common,
     )

@@ -1,6 +1,6 @@
 """From bytes to messages and back.
 
-The two that carry bulk bytes are encoded and decoded by hand: protobuf would copy them once more.
+Those that carry bulk bytes are encoded and decoded by hand: protobuf would copy them once more.
 
 Source: the Protocol Buffers encoding (protobuf.dev/programming-guides/encoding).
 """
@@ -8,37 +8,45 @@ from __future__ import annotations
 
 import dataclasses
 import struct
-from typing import Any
+from typing import Any, Sequence, Union
 
-from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from .._proto.voxelpipe.v1 import result_pb2
 from ..errors import DataLoss
 from .crc32c import crc32c
 
 UPLOAD_PIECE_BYTES = 1 << 20
-_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
+_VARINT, _BYTES, _FIXED32 = 0, 2, 5
+
+Parts = Sequence[Union[bytes, memoryview]]  # of a message, to be joined
 
 
 def _tag(field: int, wire_type: int) -> int:
     return field << 3 | wire_type
 
 
-_PIECE = _tag(service.VoxelizeResponse.PIECE_FIELD_NUMBER, _BYTES)
-_TARGET = _tag(service.ResultPiece.TARGET_FIELD_NUMBER, _VARINT)
-_OFFSET = _tag(service.ResultPiece.OFFSET_FIELD_NUMBER, _VARINT)
-_DATA = _tag(service.ResultPiece.DATA_FIELD_NUMBER, _BYTES)
-_CRC32C = _tag(service.ResultPiece.CRC32C_FIELD_NUMBER, _FIXED32)
-_RAW_BYTES = _tag(service.ResultPiece.RAW_BYTES_FIELD_NUMBER, _VARINT)
+_PIECES = _tag(result_pb2.VoxelizeResponse.PIECES_FIELD_NUMBER, _BYTES)
+_ARRAY = _tag(result_pb2.ResultPiece.ARRAY_FIELD_NUMBER, _VARINT)
+_OFFSET = _tag(result_pb2.ResultPiece.OFFSET_FIELD_NUMBER, _VARINT)
+_DATA = _tag(result_pb2.ResultPiece.DATA_FIELD_NUMBER, _BYTES)
+_CRC32C = _tag(result_pb2.ResultPiece.CRC32C_FIELD_NUMBER, _FIXED32)
+_UNCOMPRESSED = _tag(result_pb2.ResultPiece.UNCOMPRESSED_BYTES_FIELD_NUMBER, _VARINT)
 
 
 @dataclasses.dataclass(slots=True)
 class Piece:
-    """A ResultPiece. `data` points into the message."""
+    """A ResultPiece. `data` points into the message. uncompressed_bytes: None if it is not compressed."""
 
-    target: int
+    array: int
     offset: int
     data: memoryview
     crc32c: int
-    raw_bytes: int
+    uncompressed_bytes: int | None
+
+    @staticmethod
+    def of(message: result_pb2.ResultPiece) -> "Piece":
+        """From the service's message."""
+        size = message.uncompressed_bytes if message.HasField("uncompressed_bytes") else None
+        return Piece(message.array, message.offset, memoryview(message.data), message.crc32c, size)
 
 
 def parsed(kind: Any, data: bytes | None) -> Any:
@@ -69,22 +77,35 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
             raise ValueError("a varint of more than ten bytes")
 
 
-def read_piece(message: bytes) -> Piece | None:
-    """A VoxelizeResponse that holds a piece, and nothing else; None for every other one, broken ones included."""
+def _signed(value: int, bits: int) -> int:
+    """The number of a varint: its lowest bits, in two's complement."""
+    value &= (1 << bits) - 1
+    return value - (1 << bits) if value >> (bits - 1) else value
+
+
+def read_pieces(message: bytes) -> list[Piece] | None:
+    """A VoxelizeResponse that holds pieces, and nothing else; None for every other one, broken ones included."""
+    pieces = []
+    at = 0
     try:
-        return _read_piece(message)
+        while at < len(message):
+            if message[at] != _PIECES:
+                return None
+            length, at = _varint(message, at + 1)
+            piece = _read_piece(message, at, at + length)
+            if piece is None:
+                return None
+            pieces.append(piece)
+            at += length
     except (IndexError, ValueError, struct.error):
         return None
+    return pieces or None
 
 
-def _read_piece(message: bytes) -> Piece | None:
-    if not message or message[0] != _PIECE:
+def _read_piece(message: bytes, at: int, end: int) -> Piece | None:
+    if end > len(message):
         return None
-    length, at = _varint(message, 1)
-    end = at + length
-    if end != len(message):
-        return None
-    piece = Piece(0, 0, memoryview(b""), 0, 0)
+    piece = Piece(0, 0, memoryview(b""), 0, None)
     while at < end:
         tag, at = _varint(message, at)
         if tag == _DATA:
@@ -96,14 +117,14 @@ def _read_piece(message: bytes) -> Piece | None:
         elif tag == _CRC32C:
             (piece.crc32c,) = struct.unpack_from("<I", message, at)
             at += 4
-        elif tag in (_TARGET, _OFFSET, _RAW_BYTES):
+        elif tag in (_ARRAY, _OFFSET, _UNCOMPRESSED):
             value, at = _varint(message, at)
-            if tag == _TARGET:
-                piece.target = value & 0xFFFFFFFF
+            if tag == _ARRAY:
+                piece.array = _signed(value, 32)
             elif tag == _OFFSET:
-                piece.offset = value
+                piece.offset = _signed(value, 64)
             else:
-                piece.raw_bytes = value
+                piece.uncompressed_bytes = _signed(value, 64)
         else:
             return None  # a field of a newer server: left to protobuf
     return piece if at == end else None
@@ -118,23 +139,16 @@ def _written_varint(value: int) -> bytes:
     return bytes(written)
 
 
-def write_piece(data: memoryview, piece_field: int, crc32c_field: int) -> bytes:
-    """A request message with bytes of a mesh and their CRC-32C."""
-    return b"".join(
-        (
-            bytes([_tag(crc32c_field, _FIXED32)]),
-            struct.pack("<I", crc32c(data)),
-            bytes([_tag(piece_field, _BYTES)]),
-            _written_varint(len(data)),
-            data,
-        )
-    )
+def field(number: int, parts: Parts) -> Parts:
+    """A field of a message or of bytes. In: its number, at most 15."""
+    return [bytes([_tag(number, _BYTES)]), _written_varint(sum(map(len, parts))), *parts]
 
 
-def joined_jobs(jobs: list[bytes]) -> bytes:
-    """One VoxelizeManyRequest of several: the first one with the others in `more`."""
-    parts = [jobs[0]]
-    tag = bytes([_tag(service.VoxelizeManyRequest.MORE_FIELD_NUMBER, _BYTES)])
-    for job in jobs[1:]:
-        parts += (tag, _written_varint(len(job)), job)
-    return b"".join(parts)
+def number_field(number: int, value: int) -> bytes:
+    """A field of a number of at least 0."""
+    return bytes([_tag(number, _VARINT)]) + _written_varint(value)
+
+
+def checked_bytes(data: memoryview, data_field: int, crc32c_field: int) -> Parts:
+    """Two fields: bytes and their CRC-32C."""
+    return [bytes([_tag(crc32c_field, _FIXED32)]), struct.pack("<I", crc32c(data)), *field(data_field, [data])]

@@ -13,8 +13,7 @@ import numpy
 
 from .._calls import core_module
 from .._calls.printable import printable
-from .._proto.voxelpipe.v1 import types_pb2 as types
-from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from .._proto.voxelpipe.v1 import request_pb2
 from ..report import MeshWarning
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ def _extension(path: pathlib.Path) -> str:
 
 def _save_by_core(grid: "VoxelGrid", path: pathlib.Path, kind: str) -> None:
     core = core_module.needed(f"{path}: the extension is none of {', '.join(_OWN)}; every other format")
-    described = grid._config, grid._header
+    described = grid._request, grid._header
     name = os.fsencode(path)
     try:
         lost = core.not_kept(*described, name)
@@ -146,10 +145,13 @@ def _description(grid: "VoxelGrid", file_name: str) -> str:
     bits = target.format == "bit"
     shape = [*reversed(grid.dims)] if bits else list(array.shape)
     components = shape[0 if grid.layout == "planar" else -1] if len(shape) == 4 else 1
-    config = service.VoxelizeConfig.FromString(grid._config)
-    asked = config.targets[0] if config.targets else types.RenderTarget()
-    blend = types.Blend.Name(asked.blend).removeprefix("BLEND_").lower() if asked.blend else "or" if bits else "replace"
-    encoding = types.Encoding.Name(asked.encoding).removeprefix("ENCODING_").lower() if asked.encoding else "linear"
+    asked = request_pb2.VoxelizeRequest.FromString(grid._request).spec.targets[0]
+    blend = "or" if bits else "replace"
+    if asked.blend:
+        blend = request_pb2.Blend.Name(asked.blend).removeprefix("BLEND_").lower()
+    encoding = "linear"
+    if asked.encoding:
+        encoding = request_pb2.Encoding.Name(asked.encoding).removeprefix("ENCODING_").lower()
     described = {
         "dims": list(grid.dims),
         "origin": list(grid.origin_corner),

@@ -22,6 +22,17 @@ from .polygons import Faces, write_ply
 # A path, the bytes of a file, a binary file object, Mesh, (vertices, faces), or an object of another library.
 MeshLike = Union[str, "os.PathLike[str]", bytes, bytearray, memoryview, IO[bytes], Mesh, Sequence[Any], Any]
 
+# As they stand in the names of stored meshes.
+_FORMATS: dict[int, str] = {
+    types.MESH_FORMAT_GLB: "glb",
+    types.MESH_FORMAT_GLTF: "gltf",
+    types.MESH_FORMAT_DRACO: "drc",
+    types.MESH_FORMAT_STL: "stl",
+    types.MESH_FORMAT_PLY: "ply",
+    types.MESH_FORMAT_OFF: "off",
+    types.MESH_FORMAT_OBJ: "obj",
+    types.MESH_FORMAT_3MF: "3mf",
+}
 _UNITS = {
     "": types.LENGTH_UNIT_UNSPECIFIED,
     "mm": types.LENGTH_UNIT_MILLIMETRE,
@@ -36,7 +47,8 @@ _MAPPED_BYTES = 4 << 20  # larger files are not copied into memory
 class MeshFile:
     """The bytes of a self-contained mesh file.
 
-    name: for messages, empty if it has none. unit: of its positions, empty if none is given.
+    format: a MeshFormat, if its content does not show one. name: for messages, empty if it has none. unit: of its
+    positions, empty if none is given.
     """
 
     data: memoryview
@@ -48,10 +60,10 @@ class MeshFile:
         """That of the bytes, in hexadecimal."""
         return hashlib.sha256(self.data).hexdigest()
 
-    def mesh_id(self) -> str:
-        """Its id on a server that keeps it."""
-        digits = self.sha256()
-        return hashlib.sha256(f"{digits}:{self.unit}".encode()).hexdigest() if self.unit else digits
+    def stored_name(self) -> str:
+        """Its name on a server that keeps it: the same bytes with another unit or format are another mesh."""
+        given = [self.unit, _FORMATS.get(self.format, "")]
+        return "".join(["meshes/", self.sha256(), *(f"-{part}" for part in given if part)])
 
     @property
     def unit_code(self) -> int:
@@ -123,14 +135,15 @@ def _of_path(path: pathlib.Path, code: int, allow_outside: bool) -> MeshFile:
             raise InvalidMesh(f"{path}: {error.message}", field=error.field) from error
     if code in (types.MESH_FORMAT_UNSPECIFIED, types.MESH_FORMAT_OBJ) and obj_files.needs_packing(data):
         try:
-            return MeshFile(memoryview(obj_files.pack(data, path, allow_outside)), types.MESH_FORMAT_OBJ, str(path))
+            packed = memoryview(obj_files.pack(data, path, allow_outside))
         except InvalidMesh as error:
             raise InvalidMesh(f"{path}: {error.message}", field=error.field) from error
+        return MeshFile(packed, code or format_of(path.with_suffix(".obj"), packed), str(path))
     return MeshFile(data, code or format_of(path, data), str(path))
 
 
 def _of_arrays(mesh: Mesh) -> MeshFile:
-    return MeshFile(memoryview(write_glb(mesh)), types.MESH_FORMAT_GLB)
+    return MeshFile(memoryview(write_glb(mesh)))
 
 
 def arrays_of(mesh: Any) -> Mesh | MeshFile:
@@ -203,5 +216,4 @@ def _of_faces(points: Any, faces: Faces, normals: Any = None, colors: Any = None
     counts = faces.all_counts()
     if bool((counts == 3).all()):
         return Mesh(points, faces.all_corners().reshape(-1, 3), normals, colors)
-    data = write_ply(checked_positions(points), faces, normals, colors)
-    return MeshFile(memoryview(data), types.MESH_FORMAT_PLY)
+    return MeshFile(memoryview(write_ply(checked_positions(points), faces, normals, colors)))

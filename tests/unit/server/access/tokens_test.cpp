@@ -88,8 +88,10 @@ TEST(TokensTest, AMonitorLooksAndAUserWorks) {
   for (const Rpc rpc : {Rpc::kGetServerInfo, Rpc::kListShaders, Rpc::kHealthCheck, Rpc::kHealthWatch}) {
     EXPECT_TRUE(MayCall(Role::kMonitor, rpc)) << RpcName(rpc);
   }
-  for (const Rpc rpc : {Rpc::kVoxelize, Rpc::kVoxelizeMany, Rpc::kVoxelizeMesh, Rpc::kEstimateVoxelization,
-                        Rpc::kUploadMesh, Rpc::kGetMesh, Rpc::kDeleteMesh}) {
+  // DeleteMesh itself refuses a user.
+  for (const Rpc rpc :
+       {Rpc::kVoxelize, Rpc::kVoxelizeUpload, Rpc::kVoxelizeBatch, Rpc::kExportFile, Rpc::kEstimateVoxelization,
+        Rpc::kCreateMesh, Rpc::kUploadMesh, Rpc::kGetMesh, Rpc::kListMeshes, Rpc::kReleaseMesh, Rpc::kDeleteMesh}) {
     EXPECT_FALSE(MayCall(Role::kMonitor, rpc)) << RpcName(rpc);
     EXPECT_TRUE(MayCall(Role::kUser, rpc)) << RpcName(rpc);
     EXPECT_TRUE(MayCall(Role::kAdmin, rpc)) << RpcName(rpc);

@@ -16,7 +16,8 @@ MakeExport Failing(const std::string& with) {
 
 std::string TextOf(const MakeExport& make) {
   ParsedConfig config;
-  return make ? std::string(make(config, {}).status().message()) : "none";
+  JobContext job;
+  return make ? std::string(make(config, job).status().message()) : "none";
 }
 
 TEST(ResultExportsTest, AreTakenOnceWithTheirOwnTicket) {

@@ -2,8 +2,10 @@
 
 #include <chrono>
 #include <memory>
+#include <optional>
 #include <random>
 #include <string>
+#include <vector>
 
 #include "gtest/gtest.h"
 
@@ -143,6 +145,29 @@ TEST_F(ClaimedLruTest, WhateverComesTheBytesAddUpAndSharesHold) {
   for (int key = 0; key < 60; ++key) lru_.Erase(std::to_string(key));
   EXPECT_EQ(lru_.stats().bytes, 0u);
   EXPECT_EQ(lru_.stats().entries, 0u);
+}
+
+TEST_F(ClaimedLruTest, AListFollowsTheOrderOfInserts) {
+  for (const char* key : {"a", "b", "c", "d"}) ASSERT_TRUE(Insert(key, 10, *key == 'c' ? "y" : "x"));
+  ASSERT_NE(lru_.Use("a"), nullptr);
+  ASSERT_TRUE(Insert("b", 10, "y")) << "a claim on what is there";
+  const std::string x = "x", y = "y";
+  const auto numbers = [&](const std::string* client, std::optional<uint64_t> before, size_t count) {
+    std::vector<uint64_t> list;
+    for (const Lru::Listed& listed : lru_.List(client, before, count)) list.push_back(listed.number);
+    return list;
+  };
+  using Numbers = std::vector<uint64_t>;
+  EXPECT_EQ(numbers(nullptr, {}, 10), (Numbers{3, 2, 1, 0}));
+  EXPECT_EQ(numbers(&x, {}, 10), (Numbers{3, 1, 0}));
+  EXPECT_EQ(numbers(&y, {}, 10), (Numbers{2, 1}));
+  EXPECT_EQ(numbers(nullptr, 3, 2), (Numbers{2, 1}));
+  EXPECT_EQ(numbers(nullptr, 0, 2), Numbers{});
+  EXPECT_EQ(numbers(nullptr, {}, 0), Numbers{});
+  // What comes again after it has gone is new.
+  ASSERT_NE(lru_.Erase("a"), nullptr);
+  ASSERT_TRUE(Insert("a", 10, "x"));
+  EXPECT_EQ(numbers(nullptr, {}, 10), (Numbers{4, 3, 2, 1}));
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 #include "meshes/mesh_store.h"
 
+#include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -23,8 +25,8 @@ const std::vector<uint8_t> kPixel = {0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0
                                      0x9c, 0x63, 0x68, 0x00, 0x00, 0x00, 0x82, 0x00, 0x81, 0x77, 0xcd, 0x72, 0xb6, 0x00,
                                      0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82};
 
-std::string Id(char digit) {
-  return std::string(64, digit);
+std::string NameOf(char digit) {
+  return "meshes/" + std::string(64, digit);
 }
 
 // One triangle with a base colour and an emissive texture.
@@ -52,26 +54,26 @@ LoadedMesh Triangle(std::vector<uint8_t> base = kPixel, std::vector<uint8_t> emi
 }
 
 std::shared_ptr<KeptMesh> Kept(char digit, LoadedMesh loaded = Triangle()) {
-  return *KeptMesh::Make({}, Id(digit), MeshFormat::kGlb, 100, std::move(loaded));
+  return *KeptMesh::Make({}, NameOf(digit), MeshFormat::kGlb, 100, std::move(loaded));
 }
 
 constexpr TextureUse kBase{true, false, false}, kEmissive{false, true, false}, kNone{};
 
 TEST(MeshStoreTest, WhatIsNotThereIsNotFoundByName) {
   MeshStore store(1 << 20);
-  EXPECT_EQ(MissingMesh(store.Get(Id('a')).status()), Id('a'));
-  EXPECT_EQ(MissingMesh(store.Take(Id('a')).status()), Id('a'));
-  EXPECT_EQ(MissingMesh(store.Delete(Id('a')).status()), Id('a'));
-  EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status()));
+  EXPECT_EQ(MissingMesh(store.Get(NameOf('a')).status()), NameOf('a'));
+  EXPECT_EQ(MissingMesh(store.Take(NameOf('a')).status()), NameOf('a'));
+  EXPECT_EQ(MissingMesh(store.Delete(NameOf('a')).status()), NameOf('a'));
+  EXPECT_TRUE(absl::IsNotFound(store.Get(NameOf('a')).status()));
 }
 
 TEST(MeshStoreTest, TakingCountsAndLookingDoesNot) {
   MeshStore store(1 << 20);
   ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
-  ASSERT_TRUE(store.Get(Id('a')).ok());
-  EXPECT_EQ((*store.Get(Id('a')))->uses(), 0u);
-  ASSERT_TRUE(store.Take(Id('a')).ok());
-  EXPECT_EQ((*store.Get(Id('a')))->uses(), 1u);
+  ASSERT_TRUE(store.Get(NameOf('a')).ok());
+  EXPECT_EQ((*store.Get(NameOf('a')))->uses(), 0u);
+  ASSERT_TRUE(store.Take(NameOf('a')).ok());
+  EXPECT_EQ((*store.Get(NameOf('a')))->uses(), 1u);
   EXPECT_EQ(store.stats().hits, 1u);
 }
 
@@ -89,9 +91,9 @@ TEST(MeshStoreTest, AMeshLargerThanTheStoreSaysNeedAndLimit) {
 TEST(MeshStoreTest, ADeletedMeshServesWhoHasIt) {
   MeshStore store(1 << 20);
   ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
-  const auto held = store.Take(Id('a'));
+  const auto held = store.Take(NameOf('a'));
   ASSERT_TRUE(held.ok());
-  ASSERT_TRUE(store.Delete(Id('a')).ok());
+  ASSERT_TRUE(store.Delete(NameOf('a')).ok());
   const auto mesh = store.Mesh({}, **held, kBase, {});
   ASSERT_TRUE(mesh.ok()) << mesh.status();
   EXPECT_EQ((*mesh)->triangles.size(), 1u);
@@ -101,7 +103,7 @@ TEST(MeshStoreTest, ADeletedMeshServesWhoHasIt) {
 TEST(KeptMeshTest, TexturesAreDecodedOnceIntoAMeshOfItsOwn) {
   const auto kept = Kept('a');
   const auto plain = *kept->Mesh({}, kNone, {});
-  EXPECT_EQ(plain->content_id, Id('a'));
+  EXPECT_EQ(plain->content_id, NameOf('a'));
   EXPECT_TRUE(kept->ready(kNone));
   EXPECT_FALSE(kept->ready(kBase));
   const uint64_t before = kept->memory_bytes();
@@ -136,9 +138,9 @@ TEST(MeshStoreTest, DecodedTexturesCount) {
   MeshStore store(kept->memory_bytes() + 2);  // one pixel takes four bytes
   ASSERT_TRUE(store.Insert(kept, "x").ok());
   ASSERT_TRUE(store.Mesh({}, *kept, kNone, limits).ok());
-  EXPECT_TRUE(store.Get(Id('a')).ok());
+  EXPECT_TRUE(store.Get(NameOf('a')).ok());
   ASSERT_TRUE(store.Mesh({}, *kept, kBase, limits).ok()) << "who has it may use it";
-  EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status())) << "but there is no room to keep it";
+  EXPECT_TRUE(absl::IsNotFound(store.Get(NameOf('a')).status())) << "but there is no room to keep it";
   EXPECT_EQ(store.stats().bytes, 0u);
 }
 
@@ -193,22 +195,48 @@ TEST(KeptMeshTest, NamesCountAsMemory) {
 
 TEST(MeshStoreTest, AClaimGoesWithItsClientAndTheMeshWithTheLastClaim) {
   MeshStore store(1 << 20);
-  EXPECT_TRUE(absl::IsNotFound(store.Release(Id('a'), "x").status()));
+  EXPECT_TRUE(absl::IsNotFound(store.Release(NameOf('a'), "x").status()));
   ASSERT_TRUE(store.Insert(Kept('a'), "x").ok());
   ASSERT_TRUE(store.Insert(Kept('a'), "y").ok()) << "an equal one";
-  ASSERT_NE(store.Claim(Id('a'), "x"), nullptr);
-  ASSERT_NE(store.Touch(Id('a')), nullptr);
-  EXPECT_TRUE(absl::IsPermissionDenied(store.Release(Id('a'), "z").status())) << "who names a mesh has no claim";
-  const auto first = store.Release(Id('a'), "x");
+  ASSERT_NE(store.Claim(NameOf('a'), "x"), nullptr);
+  ASSERT_NE(store.Touch(NameOf('a')), nullptr);
+  EXPECT_TRUE(absl::IsPermissionDenied(store.Release(NameOf('a'), "z").status())) << "who names a mesh has no claim";
+  const auto first = store.Release(NameOf('a'), "x");
   ASSERT_TRUE(first.ok()) << first.status();
   EXPECT_EQ(*first, nullptr) << "it stays for the other";
-  EXPECT_TRUE(absl::IsPermissionDenied(store.Release(Id('a'), "x").status()));
-  EXPECT_TRUE(store.Get(Id('a')).ok());
-  const auto last = store.Release(Id('a'), "y");
+  EXPECT_TRUE(absl::IsPermissionDenied(store.Release(NameOf('a'), "x").status()));
+  EXPECT_TRUE(store.Get(NameOf('a')).ok());
+  const auto last = store.Release(NameOf('a'), "y");
   ASSERT_TRUE(last.ok()) << last.status();
   EXPECT_NE(*last, nullptr);
-  EXPECT_TRUE(absl::IsNotFound(store.Get(Id('a')).status()));
+  EXPECT_TRUE(absl::IsNotFound(store.Get(NameOf('a')).status()));
   EXPECT_EQ(store.stats().evictions, 0u);
+}
+
+TEST(MeshStoreTest, AListHasTheClaimsOfAClientTheNewestFirst) {
+  MeshStore store(1 << 20);
+  for (const char digit : {'a', 'b', 'c', 'd'}) ASSERT_TRUE(store.Insert(Kept(digit), digit == 'b' ? "y" : "x").ok());
+  ASSERT_NE(store.Claim(NameOf('a'), "y"), nullptr);
+  ASSERT_NE(store.Touch(NameOf('a')), nullptr);
+  const auto list = [&](const std::string* client, std::optional<uint64_t> before, size_t count) {
+    std::string digits;
+    uint64_t last = before.value_or(UINT64_MAX);
+    for (const MeshStore::Listed& mesh : store.List(client, before, count)) {
+      EXPECT_LT(mesh.number, last);
+      last = mesh.number;
+      digits += mesh.value->name().back();
+    }
+    return digits;
+  };
+  const std::string x = "x", y = "y", z = "z";
+  EXPECT_EQ(list(nullptr, {}, 10), "dcba");
+  EXPECT_EQ(list(&x, {}, 10), "dca");
+  EXPECT_EQ(list(&y, {}, 10), "ba");
+  EXPECT_EQ(list(&z, {}, 10), "");
+  EXPECT_EQ(list(&x, {}, 2), "dc");
+  EXPECT_EQ(list(&x, store.List(&x, {}, 2).back().number, 2), "a");
+  EXPECT_EQ(list(nullptr, store.List(nullptr, {}, 1).back().number, 2), "cb");
+  EXPECT_EQ(store.stats().hits, 0u) << "it is no use";
 }
 
 TEST(MeshStoreTest, AMeshThatOthersSharesLeaveNoRoomForSaysNeedAndLimit) {
@@ -226,7 +254,7 @@ TEST(MeshStoreTest, AMeshThatOthersSharesLeaveNoRoomForSaysNeedAndLimit) {
   ASSERT_TRUE(numbers);
   EXPECT_EQ(numbers->need_bytes, mesh->memory_bytes());
   EXPECT_EQ(numbers->limit_bytes, store.max_bytes() - each);
-  EXPECT_TRUE(store.Get(Id('a')).ok()) << "what does not fit puts nothing out";
+  EXPECT_TRUE(store.Get(NameOf('a')).ok()) << "what does not fit puts nothing out";
 }
 
 class PrepareKeptTest : public ::testing::Test {
@@ -264,8 +292,8 @@ TEST_F(PrepareKeptTest, NewPositionsAreAMeshOfTheirOwn) {
   const TriangleMesh& mesh = *(*moved)->mesh;
   EXPECT_EQ(mesh.positions[1], (Vec3d{2, 0, 5}));
   EXPECT_EQ(mesh.triangles.size(), 1u);
-  EXPECT_NE(mesh.content_id, Id('a')) << "a device must not take it for the mesh that it has";
-  EXPECT_EQ(SharedArraysOf(mesh.content_id).id, Id('a')) << "but for its positions";
+  EXPECT_NE(mesh.content_id, NameOf('a')) << "a device must not take it for the mesh that it has";
+  EXPECT_EQ(SharedArraysOf(mesh.content_id).id, NameOf('a')) << "but for its positions";
   EXPECT_FALSE(SharedArraysOf(mesh.content_id).positions);
   EXPECT_EQ((*moved)->report.max, (Vec3d{2, 2, 5}));
   EXPECT_EQ((*kept_->Mesh({}, {}, {}))->positions[1], (Vec3d{1, 0, 0}));
@@ -303,33 +331,25 @@ TEST_F(PrepareKeptTest, TheCopyCountsAsMemoryAndOutlivesItsMesh) {
   EXPECT_EQ(store_.stats().bytes, 2 * before) << "one copy is kept";
   const std::shared_ptr<const TriangleMesh> mesh = (*moved)->mesh;
   moved = absl::CancelledError();
-  ASSERT_TRUE(store_.Delete(Id('a')).ok());
+  ASSERT_TRUE(store_.Delete(NameOf('a')).ok());
   EXPECT_EQ(mesh->triangles.size(), 1u);
 }
 
 TEST_F(PrepareKeptTest, WrongPositionsAreNamed) {
-  EXPECT_TRUE(absl::IsInvalidArgument(Prepare({1}).status())) << "nobody asked for them";
+  EXPECT_EQ(Prepare({1}).status(),
+            absl::InvalidArgumentError("mesh.stored: no mesh bytes may follow, unless it has positions"));
   config_.new_positions = true;
   EXPECT_TRUE(absl::IsInvalidArgument(Prepare().status()));
   const absl::Status few = Prepare({0, 0, 0, 1, 1, 1, 2, 2}).status();
-  EXPECT_EQ(few, absl::InvalidArgumentError("new_positions: 36 bytes are wanted, x, y, z of 3 vertices; 32 came"));
+  EXPECT_EQ(few,
+            absl::InvalidArgumentError("mesh.stored.positions: 36 bytes are wanted, x, y, z of 3 vertices; 32 came"));
   const absl::Status infinite = Prepare({0, 0, 0, 1, 1, 1e30f * 1e30f, 0, 0, 0}).status();
-  EXPECT_EQ(infinite, absl::InvalidArgumentError("new_positions: vertex 1 is not finite"));
+  EXPECT_EQ(infinite, absl::InvalidArgumentError("mesh.stored.positions: vertex 1 is not finite"));
 }
 
 TEST_F(PrepareKeptTest, ACancelledJobStops) {
   job_.Cancel();
   EXPECT_TRUE(absl::IsCancelled(Prepare().status()));
-}
-
-TEST(MeshIdTest, IsTheHexOfAHash) {
-  EXPECT_TRUE(CheckMeshId(Id('0'), "mesh_id").ok());
-  EXPECT_TRUE(CheckMeshId(Id('f'), "mesh_id").ok());
-  for (const std::string& wrong : {Id('g'), Id('A'), Id('0') + "0", std::string(63, '0'), std::string()}) {
-    const absl::Status status = CheckMeshId(wrong, "upload.mesh_id");
-    EXPECT_TRUE(absl::IsInvalidArgument(status));
-    EXPECT_TRUE(std::string(status.message()).starts_with("upload.mesh_id: ")) << status;
-  }
 }
 
 }  // namespace

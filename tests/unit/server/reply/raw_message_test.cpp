@@ -32,46 +32,103 @@ std::string Settings(size_t bytes) {
 
 constexpr size_t kLargeMesh = 3 << 20;
 
+// What is read is what was sent.
+template <typename Message>
+void ExpectRead(const Message& sent, size_t slice_bytes = 16 << 10) {
+  Message read;
+  const absl::Status status = Read(sent, read, slice_bytes);
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_EQ(read.SerializeAsString(), sent.SerializeAsString());
+}
+template <typename Message>
+void ExpectTooMuch(const Message& sent) {
+  Message read;
+  EXPECT_THAT(std::string(Read(sent, read).message()), HasSubstr("message: at most 1048576"));
+}
+
 TEST(RawMessageTest, MeshBytesDoNotCountWhereverSlicesEnd) {
+  const std::string mesh(kLargeMesh, '\x0a');
+  v1::VoxelizeRequest by_file, by_positions;
+  by_file.mutable_mesh()->mutable_bytes()->set_data(mesh);
+  by_file.mutable_mesh()->mutable_bytes()->set_format(v1::MESH_FORMAT_OBJ);
+  by_file.mutable_spec()->set_strict(true);
+  by_positions.mutable_mesh()->mutable_stored()->set_name("x");
+  by_positions.mutable_mesh()->mutable_stored()->mutable_positions()->set_data(mesh);
+  v1::VoxelizeUploadRequest piece, first, positions;
+  piece.set_piece(mesh);
+  piece.set_crc32c(7);
+  *first.mutable_request() = by_file;
+  *positions.mutable_request() = by_positions;
+  v1::VoxelizeBatchRequest batch;
+  for (uint64_t id = 1; id < 9; ++id) {
+    v1::BatchJob& job = *batch.add_jobs();
+    job.set_id(id);
+    *job.mutable_request() = id % 2 == 0 ? by_file : by_positions;
+    batch.add_cancel(id);
+  }
+  v1::EstimateVoxelizationRequest estimate;
+  estimate.mutable_mesh()->mutable_bytes()->set_data(mesh);
+  v1::CreateMeshRequest create;
+  create.mutable_mesh()->set_data(mesh);
+  v1::UploadMeshRequest upload;
+  upload.set_piece(mesh);
   for (const size_t slice_bytes : {size_t{4097}, size_t{1} << 20, size_t{1} << 30}) {
-    v1::VoxelizeRequest piece, read;
-    piece.set_mesh_piece(std::string(kLargeMesh, '\x0a'));
-    piece.set_crc32c(7);
-    ASSERT_TRUE(Read(piece, read, slice_bytes).ok());
-    EXPECT_EQ(read.SerializeAsString(), piece.SerializeAsString());
-    v1::VoxelizeMeshRequest one, one_read;
-    one.mutable_config()->set_mesh_id("x");
-    one.set_mesh(std::string(kLargeMesh, '\x0a'));
-    ASSERT_TRUE(Read(one, one_read, slice_bytes).ok());
-    EXPECT_EQ(one_read.SerializeAsString(), one.SerializeAsString());
-    v1::VoxelizeManyRequest many, many_read;
-    many.set_mesh(std::string(kLargeMesh, '\x0a'));
-    for (uint64_t id = 1; id < 9; ++id) {
-      many.add_more()->set_id(id);
-      many.mutable_more()->rbegin()->set_mesh(std::string(kLargeMesh, '\x0a'));
-    }
-    ASSERT_TRUE(Read(many, many_read, slice_bytes).ok());
-    EXPECT_EQ(many_read.SerializeAsString(), many.SerializeAsString());
+    ExpectRead(by_file, slice_bytes);
+    ExpectRead(by_positions, slice_bytes);
+    ExpectRead(piece, slice_bytes);
+    ExpectRead(first, slice_bytes);
+    ExpectRead(positions, slice_bytes);
+    ExpectRead(batch, slice_bytes);
+    ExpectRead(estimate, slice_bytes);
+    ExpectRead(create, slice_bytes);
+    ExpectRead(upload, slice_bytes);
   }
 }
 
 TEST(RawMessageTest, AllElseIsBounded) {
-  v1::VoxelizeRequest config, read;
-  config.mutable_config()->set_mesh_id(Settings(kMaxSettingsBytes / 2));
-  EXPECT_TRUE(Read(config, read).ok());
-  config.mutable_config()->set_mesh_id(Settings(kMaxSettingsBytes));  // and some bytes for keys and lengths
-  EXPECT_THAT(std::string(Read(config, read).message()), HasSubstr("message: at most 1048576"));
-  v1::VoxelizeMeshRequest one, one_read;
-  one.set_mesh(std::string(kLargeMesh, 'm'));
-  *one.mutable_config() = config.config();
-  EXPECT_TRUE(absl::IsInvalidArgument(Read(one, one_read)));
+  v1::VoxelizeRequest request;
+  v1::StoredMesh& stored = *request.mutable_mesh()->mutable_stored();
+  stored.set_name(Settings(kMaxSettingsBytes / 2));
+  ExpectRead(request);
+  stored.set_name(Settings(kMaxSettingsBytes));  // and some bytes for keys and lengths
+  ExpectTooMuch(request);
+  stored.mutable_positions()->set_data(std::string(kLargeMesh, 'm'));
+  ExpectTooMuch(request);
+  v1::VoxelizeUploadRequest upload;
+  *upload.mutable_request() = request;
+  ExpectTooMuch(upload);
+  v1::VoxelizeRequest spec;
+  spec.mutable_mesh()->mutable_bytes()->set_data(std::string(kLargeMesh, 'm'));
+  ExpectRead(spec);
+  spec.mutable_spec()->mutable_vertex_shader()->set_name(Settings(kMaxSettingsBytes));
+  ExpectTooMuch(spec);
   // Of all jobs of a message together.
-  v1::VoxelizeManyRequest many, many_read;
-  for (int i = 0; i < 3; ++i) many.add_more()->mutable_config()->set_mesh_id(Settings(kMaxSettingsBytes / 2));
-  EXPECT_TRUE(absl::IsInvalidArgument(Read(many, many_read)));
-  v1::GetMeshRequest get, get_read;
-  get.set_mesh_id(Settings(kMaxSettingsBytes));
-  EXPECT_TRUE(absl::IsInvalidArgument(Read(get, get_read)));
+  v1::VoxelizeBatchRequest batch;
+  stored.set_name(Settings(kMaxSettingsBytes / 2));
+  for (int jobs = 1; jobs <= 3; ++jobs) {
+    *batch.add_jobs()->mutable_request() = request;
+    jobs < 2 ? ExpectRead(batch) : ExpectTooMuch(batch);
+  }
+  v1::VoxelizeBatchRequest cancels;
+  for (size_t id = 0; id <= kMaxSettingsBytes; ++id) cancels.add_cancel(1);
+  ExpectTooMuch(cancels);
+  v1::GetMeshRequest get;
+  get.set_name(Settings(kMaxSettingsBytes));
+  ExpectTooMuch(get);
+  v1::ListMeshesRequest list;
+  list.set_page_token(Settings(kMaxSettingsBytes));
+  ExpectTooMuch(list);
+}
+
+TEST(RawMessageTest, OnlyTheFieldsOfAMeshDoNotCount) {
+  v1::VoxelizeRequest request;
+  request.mutable_spec()->mutable_vertex_shader()->set_name(Settings(kLargeMesh));
+  request.mutable_mesh()->mutable_bytes()->set_data("m");
+  ExpectTooMuch(request);
+  // Data of an estimate's new positions, which it does not take.
+  v1::EstimateVoxelizationRequest estimate;
+  estimate.mutable_mesh()->mutable_stored()->mutable_positions()->set_data(Settings(kLargeMesh));
+  ExpectTooMuch(estimate);
 }
 
 // Else the fields behind are looked at for nothing.
@@ -85,12 +142,13 @@ TEST(RawMessageTest, CountingStopsWhereTooMuchHasCome) {
 // A length that reaches beyond its message hides nothing behind it.
 TEST(RawMessageTest, LengthsThatLieAreRefused) {
   const std::string settings(2 * kMaxSettingsBytes, '\0');
-  for (const std::string& lie : {std::string("\x12\xff\xff\xff\x7f", 5),             // of a piece
-                                 std::string("\x1a\xff\xff\xff\x7f", 5),             // of a whole request
-                                 std::string("\x1a\x04\x12\xff\xff\x7f", 6),         // of a mesh in it
-                                 std::string("\x12\xff\xff\xff\xff\xff\x01", 7)}) {  // beyond 32 bits
+  for (const std::string& lie : {std::string("\x12\xff\xff\xff\x7f", 5),                               // of a piece
+                                 std::string("\x0a\xff\xff\xff\x7f", 5),                               // a request
+                                 std::string("\x0a\x08\x0a\x06\x0a\x04\x0a\xff\xff\x7f", 10),          // its mesh
+                                 std::string("\x0a\x0a\x0a\x08\x12\x06\x12\x04\x0a\xff\xff\x7f", 12),  // its positions
+                                 std::string("\x12\xff\xff\xff\xff\xff\x01", 7)}) {                    // beyond 32 bits
     grpc::ByteBuffer bytes = InSlices(lie + settings, 16 << 10);
-    v1::VoxelizeRequest read;
+    v1::VoxelizeUploadRequest read;
     const absl::Status status = ReadMessage(bytes, read);
     EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
     EXPECT_THAT(std::string(status.message()), HasSubstr("message: its fields do not end where it ends"));

@@ -3,18 +3,25 @@
 #include <zstd.h>
 
 #include <cstring>
+#include <limits>
+#include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include <grpcpp/impl/codegen/proto_utils.h>
 
 #include "base/checksum/crc32c.h"
 #include "gtest/gtest.h"
 #include "state/service_state.h"
+#include "wire/duration.h"
+#include "wire/request.h"
 
 namespace voxelpipe {
 namespace {
 
 constexpr uint64_t kPieceBytes = 1 << 20;
+const VoxelizeRequest kRequest;  // for the header
 
 // A result with one target of each size, filled with bytes that differ.
 JobOutcome MakeOutcome(const std::vector<uint64_t>& sizes) {
@@ -63,17 +70,18 @@ ReadResult ReadAll(ResultStream& stream, size_t targets) {
     const v1::VoxelizeResponse response = Received(stream.Next());
     stream.CatchUp();
     if (response.has_summary()) read.summary = response.summary();
-    if (!response.has_piece()) continue;
-    const v1::ResultPiece& piece = response.piece();
-    EXPECT_LT(piece.target(), targets);
-    if (piece.target() >= targets) break;
+    if (response.pieces().empty()) continue;
+    EXPECT_EQ(response.pieces_size(), 1);
+    const v1::ResultPiece& piece = response.pieces(0);
+    EXPECT_LT(size_t(piece.array()), targets);
+    if (size_t(piece.array()) >= targets) break;
     EXPECT_EQ(piece.crc32c(), Crc32c(Bytes(piece.data())));
-    std::string& target = read.targets[piece.target()];
-    EXPECT_EQ(piece.offset(), target.size());
-    if (piece.raw_bytes() == 0) {
+    std::string& target = read.targets[size_t(piece.array())];
+    EXPECT_EQ(piece.offset(), int64_t(target.size()));
+    if (!piece.has_uncompressed_bytes()) {
       target += piece.data();
     } else {
-      std::string raw(piece.raw_bytes(), '\0');
+      std::string raw(size_t(piece.uncompressed_bytes()), '\0');
       EXPECT_EQ(ZSTD_decompress(raw.data(), raw.size(), piece.data().data(), piece.data().size()), raw.size());
       target += raw;
     }
@@ -87,7 +95,7 @@ TEST(ResultStreamTest, SendsHeaderThenEveryByteInOrderThenSummary) {
   const auto outcome = Shared(MakeOutcome(sizes));
   Sha256 hash;
   for (const HostBuffer& target : outcome->result.targets) hash.Update(target.bytes());
-  ResultStream stream(outcome, {}, {.piece_bytes = kPieceBytes});
+  ResultStream stream(outcome, kRequest, {}, {.piece_bytes = kPieceBytes});
   const ReadResult read = ReadAll(stream, sizes.size());
   EXPECT_EQ(read.pieces.size(), 1u + 1 + 0 + 1 + 3);
   for (size_t t = 0; t < sizes.size(); ++t) EXPECT_EQ(read.targets[t], Text(outcome->result.targets[t].bytes())) << t;
@@ -95,8 +103,8 @@ TEST(ResultStreamTest, SendsHeaderThenEveryByteInOrderThenSummary) {
   EXPECT_EQ(stream.bytes(), 4 * kPieceBytes + 1);
   EXPECT_EQ(stream.sent_bytes(), stream.bytes());
   EXPECT_EQ(read.summary.content_sha256(), hash.HexDigest());
-  EXPECT_EQ(read.summary.result_bytes(), stream.bytes());
-  EXPECT_EQ(read.summary.sent_bytes(), stream.bytes());
+  EXPECT_EQ(read.summary.result_bytes(), int64_t(stream.bytes()));
+  EXPECT_EQ(read.summary.sent_bytes(), int64_t(stream.bytes()));
 }
 
 TEST(ResultStreamTest, LargePiecesAreNotCopiedAndKeepTheResult) {
@@ -104,7 +112,7 @@ TEST(ResultStreamTest, LargePiecesAreNotCopiedAndKeepTheResult) {
   const std::weak_ptr<const JobOutcome> alive = outcome;
   const uint8_t* const begin = outcome->result.targets[0].data();
   const std::string expected = Text(outcome->result.targets[0].bytes());
-  auto stream = std::make_unique<ResultStream>(std::move(outcome), CallSettings(), PieceOptions());
+  auto stream = std::make_unique<ResultStream>(std::move(outcome), kRequest, CallSettings(), PieceOptions());
   stream->Next();
   grpc::ByteBuffer message = stream->Next();
   {
@@ -115,7 +123,7 @@ TEST(ResultStreamTest, LargePiecesAreNotCopiedAndKeepTheResult) {
   }
   stream.reset();
   EXPECT_FALSE(alive.expired()) << "gRPC may still send from it";
-  EXPECT_EQ(Received(message).piece().data(), expected);
+  EXPECT_EQ(Received(message).pieces(0).data(), expected);
   message.Clear();
   EXPECT_TRUE(alive.expired()) << "who drops the message frees the result";
 }
@@ -128,15 +136,15 @@ TEST(ResultStreamTest, CompressesWhereThatIsSmaller) {
   for (const HostBuffer& target : outcome->result.targets) hash.Update(target.bytes());
   CallSettings settings;
   settings.compression = Compression::kZstd;
-  ResultStream stream(outcome, settings, {.piece_bytes = kPieceBytes});
+  ResultStream stream(outcome, kRequest, settings, {.piece_bytes = kPieceBytes});
   const ReadResult read = ReadAll(stream, 2);
   ASSERT_EQ(read.pieces.size(), 4u);
-  EXPECT_EQ(read.pieces[0].raw_bytes(), 0u) << "noise does not become smaller";
-  EXPECT_EQ(read.pieces[1].raw_bytes(), kPieceBytes);
+  EXPECT_FALSE(read.pieces[0].has_uncompressed_bytes()) << "noise does not become smaller";
+  EXPECT_EQ(read.pieces[1].uncompressed_bytes(), int64_t(kPieceBytes));
   for (size_t t = 0; t < 2; ++t) EXPECT_EQ(read.targets[t], Text(outcome->result.targets[t].bytes())) << t;
   EXPECT_EQ(read.summary.content_sha256(), hash.HexDigest()) << "of the bytes before compression";
-  EXPECT_EQ(read.summary.result_bytes(), 4 * kPieceBytes);
-  EXPECT_EQ(read.summary.sent_bytes(), stream.sent_bytes());
+  EXPECT_EQ(read.summary.result_bytes(), int64_t(4 * kPieceBytes));
+  EXPECT_EQ(read.summary.sent_bytes(), int64_t(stream.sent_bytes()));
   EXPECT_LT(stream.sent_bytes(), kPieceBytes + 10'000);
 }
 
@@ -148,16 +156,16 @@ TEST(ResultStreamTest, ChecksumsOfAResultForManyAreComputedOnce) {
   Sha256 hash;
   for (const HostBuffer& target : outcome->result.targets) hash.Update(target.bytes());
   const std::string digits = hash.HexDigest();
-  ResultStream first(outcome, {}, {.piece_bytes = kPieceBytes});
+  ResultStream first(outcome, kRequest, {}, {.piece_bytes = kPieceBytes});
   const ReadResult read = ReadAll(first, 2);
   EXPECT_EQ(read.summary.content_sha256(), digits);
   EXPECT_EQ(outcome->sums->sha256(), digits) << "for those who come later";
   // Data that is not read again may change unnoticed.
   bytes[0] ^= 1;
-  ResultStream second(outcome, {}, {.piece_bytes = kPieceBytes});
+  ResultStream second(outcome, kRequest, {}, {.piece_bytes = kPieceBytes});
   EXPECT_TRUE(Received(second.Next()).has_header());
   for (const v1::ResultPiece& piece : read.pieces)
-    EXPECT_EQ(Received(second.Next()).piece().crc32c(), piece.crc32c()) << piece.offset();
+    EXPECT_EQ(Received(second.Next()).pieces(0).crc32c(), piece.crc32c()) << piece.offset();
   EXPECT_EQ(Received(second.Next()).summary().content_sha256(), digits);
 }
 
@@ -170,7 +178,7 @@ TEST(ResultStreamTest, SumsOfOtherPiecesOrCompressedOnesAreTheirOwn) {
     for (const uint64_t piece_bytes : {kPieceBytes, kPieceBytes / 2, 2 * kPieceBytes}) {
       CallSettings settings;
       settings.compression = compression;
-      ResultStream stream(outcome, settings, {.piece_bytes = piece_bytes});
+      ResultStream stream(outcome, kRequest, settings, {.piece_bytes = piece_bytes});
       EXPECT_EQ(ReadAll(stream, 1).targets[0], Text(outcome->result.targets[0].bytes()));  // checks each CRC
     }
   }
@@ -181,7 +189,7 @@ TEST(ResultStreamTest, TellsWhenTheNextMessageFollowsAtOnce) {
   made.sums = std::make_shared<ResultSums>(made.result, kPieceBytes);
   const auto outcome = Shared(std::move(made));
   const auto all_ready = [&](const CallSettings& settings) {
-    ResultStream stream(outcome, settings, {.piece_bytes = kPieceBytes});
+    ResultStream stream(outcome, kRequest, settings, {.piece_bytes = kPieceBytes});
     bool ready = true;
     while (!stream.done()) {
       ready = ready && stream.next_is_ready();
@@ -203,25 +211,51 @@ TEST(ResultStreamTest, TellsWhenTheNextMessageFollowsAtOnce) {
 TEST(ResultStreamTest, WithoutHashThereIsNone) {
   CallSettings settings;
   settings.content_hash = false;
-  ResultStream stream(Shared(MakeOutcome({5})), settings, {});
+  ResultStream stream(Shared(MakeOutcome({5})), kRequest, settings, {});
   EXPECT_EQ(ReadAll(stream, 1).summary.content_sha256(), "");
 }
 
 TEST(ResultStreamTest, PartsOfAJobCarryItsId) {
   const auto outcome = Shared(MakeOutcome({40'000}));
-  ResultStream stream(outcome, {}, {}, ResponseCoder(777));
+  ResultStream stream(outcome, kRequest, {}, {}, ResponseCoder(777));
   std::vector<v1::VoxelizeResponse> parts;
   while (!stream.done()) {
-    const auto message = Received<v1::VoxelizeManyResponse>(stream.Next());
+    const auto message = Received<v1::VoxelizeBatchResponse>(stream.Next());
     stream.CatchUp();
-    EXPECT_EQ(message.id(), 777u);
-    ASSERT_TRUE(message.has_part());
-    parts.push_back(message.part());
+    ASSERT_EQ(message.replies_size(), 1);
+    EXPECT_EQ(message.replies(0).id(), 777u);
+    ASSERT_TRUE(message.replies(0).has_response());
+    parts.push_back(message.replies(0).response());
   }
   ASSERT_EQ(parts.size(), 3u);
   EXPECT_TRUE(parts[0].has_header());
-  EXPECT_EQ(parts[1].piece().data(), Text(outcome->result.targets[0].bytes()));
+  ASSERT_EQ(parts[1].pieces_size(), 1);
+  EXPECT_EQ(parts[1].pieces(0).data(), Text(outcome->result.targets[0].bytes()));
   EXPECT_TRUE(parts[2].has_summary());
+}
+
+// An id of 0 is one like any other.
+TEST(ResponseCoderTest, MessagesOfJobsBecomeOneWithTheRepliesOfAll) {
+  const auto outcome = Shared(MakeOutcome({100, 200'000}));
+  std::vector<grpc::ByteBuffer> messages;
+  for (const uint64_t id : {uint64_t{5}, uint64_t{0}, std::numeric_limits<uint64_t>::max()}) {
+    ResultPieces pieces(kRequest, {}, {}, ResponseCoder(id));
+    messages.push_back(pieces.Whole(nullptr, outcome));
+  }
+  v1::VoxelizeResponse progress;
+  progress.mutable_progress()->set_stage("load");
+  messages.push_back(ResponseCoder(7).Message(progress));
+  std::vector<const grpc::ByteBuffer*> all;
+  for (const grpc::ByteBuffer& message : messages) all.push_back(&message);
+  for (size_t count = 1; count <= all.size(); ++count) {
+    const auto response = Received<v1::VoxelizeBatchResponse>(RepliesInOne(std::span(all).first(count)));
+    ASSERT_EQ(size_t(response.replies_size()), count);
+    for (size_t i = 0; i < count; ++i) {
+      const auto alone = Received<v1::VoxelizeBatchResponse>(messages[i]);
+      EXPECT_EQ(response.replies(int(i)).SerializeAsString(), alone.replies(0).SerializeAsString()) << i;
+    }
+    EXPECT_EQ(response.replies(0).id(), 5u);
+  }
 }
 
 TEST(ResultPiecesTest, AWholeResultIsOneMessage) {
@@ -229,31 +263,50 @@ TEST(ResultPiecesTest, AWholeResultIsOneMessage) {
   const auto outcome = Shared(MakeOutcome({100, 200'000, 0}));
   Plan plan;
   plan.backend = "cpu";
-  enum class Way { kCall, kMany };
-  for (const Way way : {Way::kCall, Way::kMany}) {
-    ResultPieces pieces({}, {}, way == Way::kMany ? ResponseCoder(5) : ResponseCoder());
-    grpc::ByteBuffer message = pieces.Whole(plan, outcome);
-    v1::WholeResult whole;
-    if (way == Way::kMany) {
-      const auto response = Received<v1::VoxelizeManyResponse>(std::move(message));
-      EXPECT_EQ(response.id(), 5u);
-      whole = response.whole();
+  enum class Way { kCall, kBatch };
+  for (const Way way : {Way::kCall, Way::kBatch}) {
+    ResultPieces pieces(kRequest, {}, {}, way == Way::kBatch ? ResponseCoder(5) : ResponseCoder());
+    grpc::ByteBuffer message = pieces.Whole(&plan, outcome);
+    v1::VoxelizeResponse whole;
+    if (way == Way::kBatch) {
+      const auto response = Received<v1::VoxelizeBatchResponse>(std::move(message));
+      ASSERT_EQ(response.replies_size(), 1);
+      EXPECT_EQ(response.replies(0).id(), 5u);
+      whole = response.replies(0).response();
     } else {
-      whole = Received(std::move(message)).whole();
+      whole = Received(std::move(message));
     }
-    EXPECT_EQ(whole.accepted().backend(), "cpu");
+    EXPECT_EQ(whole.plan().backend(), v1::BACKEND_CPU);
     EXPECT_EQ(whole.header().arrays_size(), 3);
+    EXPECT_EQ(whole.header().spec().SerializeAsString(), MakeSpec(kRequest).SerializeAsString());
     ASSERT_EQ(whole.pieces_size(), 2);
     Sha256 hash;
     for (int i = 0; i < 2; ++i) {
-      EXPECT_EQ(whole.pieces(i).target(), uint32_t(i));
+      EXPECT_EQ(whole.pieces(i).array(), i);
       EXPECT_EQ(whole.pieces(i).data(), Text(outcome->result.targets[size_t(i)].bytes()));
       EXPECT_EQ(whole.pieces(i).crc32c(), Crc32c(Bytes(whole.pieces(i).data())));
       hash.Update(Bytes(whole.pieces(i).data()));
     }
     EXPECT_EQ(whole.summary().content_sha256(), hash.HexDigest());
-    EXPECT_EQ(whole.summary().result_bytes(), 200'100u);
+    EXPECT_EQ(whole.summary().result_bytes(), 200'100);
   }
+}
+
+TEST(ResultPiecesTest, OneMessageIsForResultsThatAreSmallEnough) {
+  const auto fits = [](uint64_t bytes, std::optional<int64_t> limit) {
+    CallSettings settings;
+    settings.single_message_bytes = limit;
+    return FitsOneMessage(bytes, settings);
+  };
+  EXPECT_TRUE(fits(1 << 20, std::nullopt));
+  EXPECT_FALSE(fits((1 << 20) + 1, std::nullopt));
+  EXPECT_TRUE(fits(100, 100));
+  EXPECT_FALSE(fits(101, 100));
+  EXPECT_TRUE(fits(1 << 20, std::numeric_limits<int64_t>::max()));
+  EXPECT_FALSE(fits((1 << 20) + 1, std::numeric_limits<int64_t>::max())) << "the server has its own maximum";
+  EXPECT_FALSE(fits(1, 0));
+  EXPECT_FALSE(fits(0, 0)) << "never";
+  EXPECT_TRUE(fits(0, 1));
 }
 
 TEST(ResultStreamTest, TheHashIsThatOfTheStandard) {
@@ -271,18 +324,21 @@ TEST(ResultStreamTest, TheSummaryTellsWhatIsKnown) {
   outcome.report.open_edges = 4;
   outcome.examined = true;
   outcome.peak_bytes = 99;
+  outcome.queue_ms = 1.5;
   for (int i = 0; i < 1000; ++i) {
     outcome.result.stats.warnings.Add(WarningCode::kCountMismatch, "node " + std::to_string(i), "'\xff' is odd");
   }
-  ResultStream stream(Shared(std::move(outcome)), {}, {});
+  ResultStream stream(Shared(std::move(outcome)), kRequest, {}, {});
   const v1::Summary summary = ReadAll(stream, 1).summary;
-  EXPECT_EQ(summary.stats().occupied(), 17u);
+  EXPECT_EQ(summary.stats().occupied(), 17);
   ASSERT_EQ(summary.stats().stages_size(), 2);
   EXPECT_EQ(summary.stats().stages(1).stage(), "flatten");
-  EXPECT_EQ(summary.mesh().open_edges(), 4u);
-  EXPECT_EQ(summary.peak_bytes(), 99u);
+  EXPECT_EQ(MsOf(summary.stats().stages(1).time()), 2);
+  EXPECT_EQ(MsOf(summary.stats().queue_time()), 1.5);
+  EXPECT_EQ(summary.report().open_edges(), 4);
+  EXPECT_EQ(summary.peak_bytes(), 99);
   EXPECT_EQ(summary.warnings_size(), 100) << "a stranger's file must not make the summary large";
-  EXPECT_EQ(summary.warnings_left_out(), 900u);
+  EXPECT_EQ(summary.warnings_left_out(), 900);
   EXPECT_EQ(summary.warnings(1).code(), v1::WARNING_CODE_COUNT_MISMATCH);
   EXPECT_EQ(summary.warnings(1).place(), "node 1");
   EXPECT_EQ(summary.warnings(1).text(), "'?' is odd");

@@ -48,14 +48,14 @@ class ResultSharingTest : public ::testing::Test {
   static std::shared_ptr<KeptMesh> Mesh(char digit) {
     LoadedMesh loaded;
     loaded.mesh.positions = {{0, 0, 0}};
-    return *KeptMesh::Make({}, std::string(64, digit), MeshFormat::kGlb, 1, std::move(loaded));
+    return *KeptMesh::Make({}, "meshes/" + std::string(64, digit), MeshFormat::kGlb, 1, std::move(loaded));
   }
 
   std::shared_ptr<FakeJob> Job(int64_t resolution = 8) {
     auto job = std::make_shared<FakeJob>();
     job->config.request.grid.resolution = resolution;
     job->kept = mesh;
-    job->config.mesh_id = mesh->id();
+    job->config.mesh_name = mesh->name();
     job->traits.client = "client";
     return job;
   }

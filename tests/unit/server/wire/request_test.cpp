@@ -10,10 +10,11 @@ namespace voxelpipe {
 namespace {
 
 // Over the wire and back, bytes included.
-absl::StatusOr<ParsedConfig> RoundTrip(const VoxelizeRequest& request, MeshFileType format = {}) {
-  v1::VoxelizeConfig received;
-  EXPECT_TRUE(received.ParseFromString(MakeConfig(request, format).SerializeAsString()));
-  return ParseConfig(received);
+absl::StatusOr<ParsedConfig> RoundTrip(const VoxelizeRequest& request, const MeshFileType& type = {}) {
+  v1::VoxelizeRequest sent = MakeRequest(request), received;
+  WriteTo(type, *sent.mutable_mesh()->mutable_bytes());
+  EXPECT_TRUE(received.ParseFromString(sent.SerializeAsString()));
+  return ParseRequest(received);
 }
 
 void ExpectEqual(const VoxelizeRequest& a, const VoxelizeRequest& b) {
@@ -44,12 +45,65 @@ void ExpectEqual(const VoxelizeRequest& a, const VoxelizeRequest& b) {
   }
 }
 
-TEST(RequestTest, AnEmptyConfigIsTheDefaultRequest) {
-  const auto parsed = ParseConfig(v1::VoxelizeConfig());
+TEST(RequestTest, AnEmptyMessageIsTheDefaultRequest) {
+  const auto parsed = ParseRequest(v1::VoxelizeRequest());
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   ExpectEqual(parsed->request, VoxelizeRequest());
   EXPECT_EQ(parsed->mesh_type.format, MeshFormat::kAuto);
+  EXPECT_EQ(parsed->mesh_name, "");
+  EXPECT_FALSE(parsed->new_positions);
+  EXPECT_TRUE(parsed->default_targets);
+  EXPECT_TRUE(parsed->default_result);
   EXPECT_TRUE(ValidateRequest(parsed->request).ok());
+}
+
+TEST(RequestTest, AStoredMeshIsNamedAndMayHaveNewPositions) {
+  v1::VoxelizeRequest message;
+  message.mutable_mesh()->mutable_stored()->set_name("meshes/a");
+  const auto plain = ParseRequest(message);
+  ASSERT_TRUE(plain.ok()) << plain.status();
+  EXPECT_EQ(plain->mesh_name, "meshes/a");
+  EXPECT_FALSE(plain->new_positions);
+  message.mutable_mesh()->mutable_stored()->mutable_positions();  // they come in pieces
+  const auto moved = ParseRequest(message);
+  ASSERT_TRUE(moved.ok()) << moved.status();
+  EXPECT_EQ(moved->mesh_name, "meshes/a");
+  EXPECT_TRUE(moved->new_positions);
+}
+
+// The header of a result returns the spec with every default filled in: sent again it is the same request.
+TEST(RequestTest, AResolvedSpecIsTheSameRequest) {
+  std::vector<v1::VoxelizeSpec> specs(6);
+  specs[1].mutable_grid()->mutable_resolution()->set_fit(v1::GRID_FIT_CUBE);
+  specs[2].mutable_grid()->mutable_dims()->set_x(3);
+  specs[2].mutable_grid()->set_padding(2);
+  specs[3].mutable_grid()->mutable_voxel_size()->set_y(0.1);
+  v1::GridPlacement& placement = *specs[4].mutable_grid()->mutable_placement();
+  placement.mutable_dims()->set_z(7);
+  placement.mutable_origin()->set_x(-1e-9);
+  placement.mutable_voxel_size()->set_x(0.1);
+  specs[5].mutable_vertex_shader()->set_name("transform");
+  v1::RenderTarget& target = *specs[5].add_targets();
+  target.set_format(v1::VOXEL_FORMAT_U8);
+  target.mutable_shader()->set_name("constant");
+  target.mutable_shader()->add_parameters()->set_name("value");
+  target.mutable_shader()->mutable_parameters(0)->mutable_numbers()->add_values(0.1);
+  target.add_fill(0.3);
+  target.set_scale(0);
+  target.set_quantum(0.5);
+  specs[5].add_targets()->set_blend(v1::BLEND_COUNT);
+  for (const v1::VoxelizeSpec& spec : specs) {
+    const auto parsed = ParseRequest(spec, {});
+    ASSERT_TRUE(parsed.ok()) << parsed.status();
+    const v1::VoxelizeSpec resolved = MakeSpec(parsed->request);
+    EXPECT_EQ(resolved.grid().form_case(),
+              spec.grid().form_case() == 0 ? v1::GridRequest::kResolution : spec.grid().form_case());
+    EXPECT_GT(resolved.targets_size(), 0);
+    const auto again = ParseRequest(resolved, {});
+    ASSERT_TRUE(again.ok()) << again.status();
+    ExpectEqual(again->request, parsed->request);
+    EXPECT_EQ(MakeSpec(again->request).SerializeAsString(), resolved.SerializeAsString());
+  }
 }
 
 TEST(RequestTest, EverythingOfARequestSurvives) {
@@ -130,21 +184,24 @@ TEST(RequestTest, HowToServeSurvives) {
   settings.fallback = false;
   settings.queue_timeout = std::chrono::milliseconds(0);  // 0 and absent differ
   settings.content_hash = false;
-  const auto parsed = ParseConfig(MakeConfig(VoxelizeRequest(), MeshFormat::kAuto, settings));
+  settings.single_message_bytes = 0;  // as well
+  const auto parsed = ParseRequest(MakeRequest(VoxelizeRequest(), settings));
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   EXPECT_EQ(parsed->settings.compression, Compression::kZstd);
   EXPECT_EQ(parsed->settings.priority, Priority::kLow);
   EXPECT_EQ(parsed->settings.fallback, false);
   EXPECT_EQ(parsed->settings.queue_timeout, std::chrono::milliseconds(0));
   EXPECT_FALSE(parsed->settings.content_hash);
+  EXPECT_EQ(parsed->settings.single_message_bytes, 0);
 
-  const auto plain = ParseConfig(v1::VoxelizeConfig());
+  const auto plain = ParseRequest(v1::VoxelizeRequest());
   ASSERT_TRUE(plain.ok());
   EXPECT_EQ(plain->settings.compression, Compression::kNone);
   EXPECT_EQ(plain->settings.priority, Priority::kNormal);
   EXPECT_FALSE(plain->settings.fallback.has_value());
   EXPECT_FALSE(plain->settings.queue_timeout.has_value());
   EXPECT_TRUE(plain->settings.content_hash);
+  EXPECT_FALSE(plain->settings.single_message_bytes.has_value());
 }
 
 TEST(RequestTest, AnExplicitGridSurvives) {
@@ -153,6 +210,9 @@ TEST(RequestTest, AnExplicitGridSurvives) {
   ExpectEqual(RoundTrip(request)->request, request);
   request.grid.dims = {3, 4, 5};
   request.grid.origin = Vec3d{-1, 2, 1e-9};
+  ExpectEqual(RoundTrip(request)->request, request);
+  request.grid.voxel_size.reset();
+  request.grid.origin.reset();
   ExpectEqual(RoundTrip(request)->request, request);
 }
 
@@ -165,16 +225,16 @@ TEST(RequestTest, WhatIsNotAllowedReachesTheCheckThatRefusesIt) {
 }
 
 TEST(RequestTest, TheComponentsDefaultFollowsTheShader) {
-  v1::VoxelizeConfig config;
+  v1::VoxelizeSpec spec;
   for (const char* shader : {"base_color", "normal", "uv", "attribute", "triangle_id"}) {
-    v1::RenderTarget* target = config.add_targets();
+    v1::RenderTarget* target = spec.add_targets();
     target->set_format(v1::VOXEL_FORMAT_U8);
     target->mutable_shader()->set_name(shader);
   }
-  config.mutable_targets(2)->set_blend(v1::BLEND_COUNT);
-  config.add_targets()->mutable_shader()->set_name("normal");  // bit
-  config.add_targets()->set_format(v1::VOXEL_FORMAT_F32);      // occupancy
-  const auto parsed = ParseConfig(config);
+  spec.mutable_targets(2)->set_blend(v1::BLEND_COUNT);
+  spec.add_targets()->mutable_shader()->set_name("normal");  // bit
+  spec.add_targets()->set_format(v1::VOXEL_FORMAT_F32);      // occupancy
+  const auto parsed = ParseRequest(spec, {});
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   std::vector<int> components;
   for (const TargetSpec& target : parsed->request.targets) components.push_back(target.components);
@@ -200,83 +260,77 @@ TEST(RequestTest, FillNumbersAndEncodingSurvive) {
   target.shader.name = "normal";
   request.targets.push_back(target);
   ExpectEqual(RoundTrip(request)->request, request);
-  v1::VoxelizeConfig config;
-  config.add_targets()->set_fill_value(1);
-  config.mutable_targets(0)->add_fill_values(1);
-  const std::string message(ParseConfig(config).status().message());
-  EXPECT_NE(message.find("targets[0].fill_values"), std::string::npos) << message;
 }
 
 TEST(RequestTest, TheBlendsDefaultFollowsTheFormat) {
-  v1::VoxelizeConfig config;
-  config.add_targets();
-  config.add_targets()->set_format(v1::VOXEL_FORMAT_F32);
-  const auto parsed = ParseConfig(config);
+  v1::VoxelizeSpec spec;
+  spec.add_targets();
+  spec.add_targets()->set_format(v1::VOXEL_FORMAT_F32);
+  const auto parsed = ParseRequest(spec, {});
   ASSERT_TRUE(parsed.ok());
   EXPECT_EQ(parsed->request.targets[0].blend, Blend::kOr);
   EXPECT_EQ(parsed->request.targets[1].blend, Blend::kReplace);
   EXPECT_TRUE(ValidateRequest(parsed->request).ok());
 }
 
-// Each change makes a config that must be refused with a message that begins with `field`.
+// Each change makes a request that must be refused with a message that begins with `field`.
 template <typename Change>
 void ExpectRefused(const std::string& field, Change change) {
-  v1::VoxelizeConfig config;
-  change(config);
-  const absl::Status status = ParseConfig(config).status();
+  v1::VoxelizeRequest request;
+  change(request);
+  const absl::Status status = ParseRequest(request).status();
   EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument) << field;
   EXPECT_TRUE(std::string(status.message()).starts_with(field + ": ")) << status;
 }
+// The same of its spec.
+template <typename Change>
+void ExpectSpecRefused(const std::string& field, Change change) {
+  ExpectRefused(field, [&](auto& r) { change(*r.mutable_spec()); });
+}
 
 TEST(RequestTest, ValuesOfNewerClientsAreRefusedByField) {
-  ExpectRefused("mesh_format", [](auto& c) { c.set_mesh_format(v1::MeshFormat(99)); });
-  ExpectRefused("mesh_unit", [](auto& c) { c.set_mesh_unit(v1::LengthUnit(99)); });
-  ExpectRefused("mesh_unit", [](auto& c) {
-    c.set_mesh_unit(v1::LENGTH_UNIT_METRE);
-    c.set_mesh_id(std::string(64, 'a'));
+  ExpectRefused("mesh.bytes.format",
+                [](auto& r) { r.mutable_mesh()->mutable_bytes()->set_format(v1::MeshFormat(99)); });
+  ExpectRefused("mesh.bytes.unit", [](auto& r) { r.mutable_mesh()->mutable_bytes()->set_unit(v1::LengthUnit(99)); });
+  ExpectSpecRefused("grid.fit", [](auto& s) { s.mutable_grid()->mutable_resolution()->set_fit(v1::GridFit(3)); });
+  ExpectSpecRefused("coverage", [](auto& s) { s.set_coverage(v1::Coverage(5)); });
+  ExpectSpecRefused("fill", [](auto& s) { s.set_fill(v1::Fill(5)); });
+  ExpectSpecRefused("layout", [](auto& s) { s.set_layout(v1::Layout(-1)); });
+  ExpectRefused("backend", [](auto& r) { r.mutable_execution()->set_backend(v1::Backend(4)); });
+  ExpectSpecRefused("result", [](auto& s) { s.set_result(v1::ResultKind(4)); });
+  ExpectRefused("simd", [](auto& r) { r.mutable_execution()->set_simd(v1::Simd(5)); });
+  ExpectRefused("compression", [](auto& r) { r.mutable_delivery()->set_compression(v1::Compression(3)); });
+  ExpectRefused("priority", [](auto& r) { r.mutable_execution()->set_priority(v1::Priority(4)); });
+  ExpectSpecRefused("targets[1].format", [](auto& s) {
+    s.add_targets();
+    s.add_targets()->set_format(v1::VoxelFormat(7));
   });
-  ExpectRefused("grid.fit", [](auto& c) { c.mutable_grid()->set_fit(v1::GridFit(3)); });
-  ExpectRefused("coverage", [](auto& c) { c.set_coverage(v1::Coverage(5)); });
-  ExpectRefused("fill", [](auto& c) { c.set_fill(v1::Fill(5)); });
-  ExpectRefused("layout", [](auto& c) { c.set_layout(v1::Layout(-1)); });
-  ExpectRefused("backend", [](auto& c) { c.set_backend(v1::Backend(4)); });
-  ExpectRefused("result", [](auto& c) { c.set_result(v1::ResultKind(4)); });
-  ExpectRefused("simd", [](auto& c) { c.set_simd(v1::Simd(5)); });
-  ExpectRefused("compression", [](auto& c) { c.set_compression(v1::Compression(3)); });
-  ExpectRefused("priority", [](auto& c) { c.set_priority(v1::Priority(4)); });
-  ExpectRefused("targets[1].format", [](auto& c) {
-    c.add_targets();
-    c.add_targets()->set_format(v1::VoxelFormat(7));
-  });
-  ExpectRefused("targets[0].blend", [](auto& c) { c.add_targets()->set_blend(v1::Blend(10)); });
+  ExpectSpecRefused("targets[0].blend", [](auto& s) { s.add_targets()->set_blend(v1::Blend(10)); });
+  ExpectSpecRefused("targets[0].encoding", [](auto& s) { s.add_targets()->set_encoding(v1::Encoding(4)); });
 }
 
 TEST(RequestTest, ContradictionsAreRefusedByField) {
-  ExpectRefused("queue_timeout_ms", [](auto& c) { c.set_queue_timeout_ms(-1); });
-  ExpectRefused("new_positions", [](auto& c) { c.set_new_positions(true); });
-  ExpectRefused("grid.resolution", [](auto& c) {
-    c.mutable_grid()->set_resolution(8);
-    c.mutable_grid()->mutable_voxel_size()->set_x(1);
+  ExpectRefused("queue_timeout", [](auto& r) { r.mutable_execution()->mutable_queue_timeout()->set_seconds(-1); });
+  ExpectRefused("queue_timeout", [](auto& r) { r.mutable_execution()->mutable_queue_timeout()->set_nanos(-1); });
+  ExpectRefused("single_message_bytes", [](auto& r) { r.mutable_delivery()->set_single_message_bytes(-1); });
+  ExpectRefused("mesh.stored.name", [](auto& r) { r.mutable_mesh()->mutable_stored(); });
+  ExpectRefused("mesh.stored.name", [](auto& r) { r.mutable_mesh()->mutable_stored()->mutable_positions(); });
+  ExpectSpecRefused("grid.placement", [](auto& s) { s.mutable_grid()->mutable_placement(); });
+  ExpectSpecRefused("grid.placement", [](auto& s) {
+    s.mutable_grid()->mutable_placement()->mutable_dims();
+    s.mutable_grid()->mutable_placement()->mutable_voxel_size();
   });
-  ExpectRefused("grid.resolution", [](auto& c) {
-    c.mutable_grid()->set_resolution(8);
-    c.mutable_grid()->mutable_dims();
+  ExpectSpecRefused("vertex_shader", [](auto& s) {
+    s.mutable_vertex_shader()->add_parameters()->set_name("matrix");
+    s.mutable_vertex_shader()->add_parameters()->set_name("matrix");
   });
-  ExpectRefused("vertex_shader", [](auto& c) {
-    c.mutable_vertex_shader()->add_parameters()->set_name("matrix");
-    c.mutable_vertex_shader()->add_parameters()->set_name("matrix");
+  ExpectSpecRefused("targets[0].shader", [](auto& s) {
+    v1::ShaderCall& shader = *s.add_targets()->mutable_shader();
+    shader.add_parameters()->set_text("one");
+    shader.add_parameters()->mutable_numbers()->add_values(1);
   });
-  ExpectRefused("targets[0].shader", [](auto& c) {
-    v1::ShaderParameter* parameter = c.add_targets()->mutable_shader()->add_parameters();
-    parameter->set_text("both");
-    parameter->add_values(1);
-  });
-  ExpectRefused("vertex_shader", [](auto& c) {
-    c.mutable_vertex_shader()->add_parameters()->set_text("one");
-    c.mutable_vertex_shader()->add_parameters()->add_values(1);
-  });
-  ExpectRefused("targets", [](auto& c) {
-    for (int i = 0; i <= kMaxTargets; ++i) c.add_targets();
+  ExpectSpecRefused("targets", [](auto& s) {
+    for (int i = 0; i <= kMaxTargets; ++i) s.add_targets();
   });
 }
 

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "gtest/gtest.h"
+#include "wire/request.h"
 
 namespace voxelpipe {
 namespace {
@@ -86,6 +87,38 @@ TEST(ResponseTest, StatisticsSurvive) {
   EXPECT_FALSE(FromMessage(ToMessage(stats)).odd_columns.has_value());
 }
 
+TEST(ResponseTest, BackendsAndInstructionSetsAreNamed) {
+  VoxelizeStats stats;
+  stats.backend = "cuda";
+  stats.simd = "cuda";  // a GPU has none
+  const v1::VoxelizeStats message = ToMessage(stats);
+  EXPECT_EQ(message.backend(), v1::BACKEND_CUDA);
+  EXPECT_EQ(message.simd(), v1::SIMD_UNSPECIFIED);
+  EXPECT_EQ(FromMessage(message).backend, "cuda");
+  EXPECT_EQ(FromMessage(message).simd, "cuda");
+  for (const char* simd : {"scalar", "avx2", "avx512"}) {
+    stats.backend = "cpu";
+    stats.simd = simd;
+    EXPECT_EQ(FromMessage(ToMessage(stats)).simd, simd);
+  }
+  v1::VoxelizeStats newer;
+  newer.set_backend(v1::Backend(99));
+  EXPECT_EQ(FromMessage(newer).backend, "");
+}
+
+TEST(ResponseTest, CountsThatAreNegativeAreNone) {
+  v1::VoxelizeStats stats;
+  stats.set_triangles(-1);
+  stats.set_fragments(std::numeric_limits<int64_t>::min());
+  stats.set_occupied(-5);
+  EXPECT_EQ(FromMessage(stats).triangles, 0u);
+  EXPECT_EQ(FromMessage(stats).fragments, uint64_t{0});
+  EXPECT_EQ(FromMessage(stats).occupied, 0u);
+  v1::MeshReport report;
+  report.set_vertices(-8);
+  EXPECT_EQ(FromMessage(report).vertices, 0u);
+}
+
 TEST(ResponseTest, AMeshReportTellsOpenEdgesOnlyWhereTheyWereCounted) {
   const MeshReport report{12, 8, 1, 3, {-1, 0, 1}, {2, 3, 4}};
   const v1::MeshReport examined = ToMessage(report, true);
@@ -142,12 +175,13 @@ TEST(ResponseTest, AHeaderOfEveryKindSurvives) {
         request.targets[0].format = format;
         if (format == VoxelFormat::kBit) request.targets[0].components = 1;
         const ResultHeader header = MakeResultHeader(request, SampleGrid(), 2, 17, 40);
-        const auto back = FromMessage(ToMessage(header), request);
+        const auto back = FromMessage(ToMessage(header, request), request);
         ASSERT_TRUE(back.ok()) << back.status();
         EXPECT_EQ(back->kind, kind);
         EXPECT_EQ(back->grid, header.grid);
         EXPECT_EQ(back->layout, layout);
         EXPECT_EQ(back->arrays, header.arrays);
+        EXPECT_EQ(ToMessage(header, request).spec().SerializeAsString(), MakeSpec(request).SerializeAsString());
       }
     }
   }
@@ -156,16 +190,17 @@ TEST(ResponseTest, AHeaderOfEveryKindSurvives) {
 TEST(ResponseTest, AHeaderThatDiffersFromTheRequestIsNotBelieved) {
   const auto refused = [](ResultKind kind, auto change) {
     const VoxelizeRequest request = Colours(kind);
-    v1::ResultHeader header = ToMessage(MakeResultHeader(request, SampleGrid(), 2, 17, 40));
+    v1::ResultHeader header = ToMessage(MakeResultHeader(request, SampleGrid(), 2, 17, 40), request);
     change(header);
     return FromMessage(header, request).status().code() == absl::StatusCode::kDataLoss;
   };
   for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
     SCOPED_TRACE(std::string(Name(kind)));
     EXPECT_FALSE(refused(kind, [](auto&) {}));
-    EXPECT_TRUE(refused(kind, [](auto& h) { h.set_layout(v1::LAYOUT_INTERLEAVED); }));
-    EXPECT_TRUE(refused(kind, [](auto& h) { h.set_kind(v1::RESULT_KIND_UNSPECIFIED); }));
+    EXPECT_TRUE(refused(kind, [](auto& h) { h.mutable_spec()->set_layout(v1::LAYOUT_INTERLEAVED); }));
+    EXPECT_TRUE(refused(kind, [](auto& h) { h.mutable_spec()->set_result(v1::RESULT_KIND_UNSPECIFIED); }));
     EXPECT_TRUE(refused(kind, [](auto& h) { h.mutable_grid()->mutable_dims()->set_x(0); }));
+    EXPECT_TRUE(refused(kind, [](auto& h) { h.clear_spec(); }));
     EXPECT_TRUE(refused(kind, [](auto& h) { h.clear_arrays(); }));
     EXPECT_TRUE(refused(kind, [](auto& h) { h.mutable_arrays()->RemoveLast(); }));
     EXPECT_TRUE(refused(kind, [](auto& h) { *h.add_arrays() = h.arrays(0); }));
@@ -177,6 +212,7 @@ TEST(ResponseTest, AHeaderThatDiffersFromTheRequestIsNotBelieved) {
       EXPECT_TRUE(refused(kind, [i](auto& h) { h.mutable_arrays(i)->clear_shape(); }));
       EXPECT_TRUE(refused(kind, [i](auto& h) { h.mutable_arrays(i)->add_shape(1); }));
       EXPECT_TRUE(refused(kind, [i](auto& h) { h.mutable_arrays(i)->set_shape(0, 1); }));
+      EXPECT_TRUE(refused(kind, [i](auto& h) { h.mutable_arrays(i)->set_shape(0, -1); }));
     }
   }
 }
@@ -185,7 +221,8 @@ TEST(ResponseTest, ListsThatTheGridCannotHoldAreNotBelieved) {
   // 7 x 8 x 9 voxels: 504, in two bricks.
   const auto believed = [](ResultKind kind, uint64_t bricks, uint64_t voxels, uint64_t fragments) {
     const VoxelizeRequest request = Colours(kind);
-    return FromMessage(ToMessage(MakeResultHeader(request, SampleGrid(), bricks, voxels, fragments)), request).ok();
+    const ResultHeader header = MakeResultHeader(request, SampleGrid(), bricks, voxels, fragments);
+    return FromMessage(ToMessage(header, request), request).ok();
   };
   EXPECT_TRUE(believed(ResultKind::kSparse, 0, 0, 0));
   EXPECT_TRUE(believed(ResultKind::kSparse, 2, 504, 0));

@@ -1,7 +1,6 @@
 // Many jobs on one stream.
-#include <algorithm>
 #include <atomic>
-#include <map>
+#include <chrono>
 #include <memory>
 #include <string>
 #include <thread>
@@ -11,12 +10,12 @@
 
 #include "gtest/gtest.h"
 #include "many_stream.h"
-#include "service/support/many_fixture.h"
+#include "service/support/batch_fixture.h"
 
 namespace voxelpipe::testing {
 namespace {
 
-TEST_F(ManyTest, EveryJobGetsTheBytesOfASingleCall) {
+TEST_F(BatchTest, EveryJobGetsTheBytesOfASingleCall) {
   ASSERT_NO_FATAL_FAILURE(Start());
   std::vector<VoxelizeRequest> requests;
   for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
@@ -39,99 +38,130 @@ TEST_F(ManyTest, EveryJobGetsTheBytesOfASingleCall) {
     request.grid.fit = GridFit::kCube;
     requests.push_back(request);
   }
-  for (size_t i = 0; i < requests.size(); ++i) ASSERT_TRUE(stream_->Write(Item(1000 + i, requests[i])));
+  for (size_t i = 0; i < requests.size(); ++i) ASSERT_TRUE(Send(Job(1000 + i, requests[i])));
   stream_->WritesDone();
-  std::map<uint64_t, JobAnswer> answers;
-  v1::VoxelizeManyResponse response;
-  while (stream_->Read(&response)) Add(response, answers[response.id()]);
-  const grpc::Status status = stream_->Finish();
+  const grpc::Status status = Finish();
   ASSERT_TRUE(status.ok()) << status.error_message();
-  ASSERT_EQ(answers.size(), requests.size());
+  ASSERT_EQ(answers_.size(), requests.size());
   for (size_t i = 0; i < requests.size(); ++i) {
-    const JobAnswer& answer = answers[1000 + i];
-    EXPECT_EQ(answer.error, 0);
+    const Received& answer = answers_[1000 + i];
+    EXPECT_TRUE(answer.status.ok()) << answer.status.error_message();
     EXPECT_EQ(answer.summaries, 1);
-    EXPECT_EQ(answer.whole, answer.parts == 0 ? 1 : 0);
-    EXPECT_EQ(answer.parts > 0, answer.bytes.size() > 1 << 20);
+    EXPECT_EQ(answer.in_one_message, answer.messages == 1);
+    EXPECT_EQ(answer.in_one_message, answer.bytes.size() <= 1 << 20);
     EXPECT_TRUE(answer.bytes == Single(requests[i])) << i;
   }
 }
 
-TEST_F(ManyTest, AnErrorEndsItsJobAndNotTheStream) {
+TEST_F(BatchTest, AnErrorEndsItsJobAndNotTheStream) {
   ASSERT_NO_FATAL_FAILURE(Start());
   VoxelizeRequest wrong = SmallRequest();
   wrong.targets[0].shader.name = "no_such_shader";
-  ASSERT_TRUE(stream_->Write(Item(1, wrong)));
-  v1::VoxelizeManyRequest broken = Item(2, SmallRequest());
-  broken.set_mesh("no mesh at all");
-  broken.clear_crc32c();
-  ASSERT_TRUE(stream_->Write(broken));
-  v1::VoxelizeManyRequest flipped = Item(3, SmallRequest());
-  flipped.mutable_mesh()->back() ^= 1;
-  ASSERT_TRUE(stream_->Write(flipped));
-  ASSERT_TRUE(stream_->Write(Item(4, SmallRequest())));
+  ASSERT_TRUE(Send(Job(1, wrong)));
+  v1::BatchJob broken = JobOf(2, RequestOf(SmallRequest()));
+  broken.mutable_request()->mutable_mesh()->mutable_bytes()->set_data("no mesh at all");
+  ASSERT_TRUE(Send(broken));
+  v1::BatchJob flipped = Job(3, SmallRequest());
+  flipped.mutable_request()->mutable_mesh()->mutable_bytes()->mutable_data()->back() ^= 1;
+  ASSERT_TRUE(Send(flipped));
+  ASSERT_TRUE(Send(Job(4, SmallRequest())));
   stream_->WritesDone();
-  std::map<uint64_t, JobAnswer> answers;
-  v1::VoxelizeManyResponse response;
-  while (stream_->Read(&response)) {
-    Add(response, answers[response.id()]);
-    if (response.id() == 1) {
-      EXPECT_NE(response.error().message().find("no_such_shader"), std::string::npos);
-      EXPECT_EQ(response.error().details_size(), 1) << "which field, as of a single call";
-    }
-  }
-  EXPECT_TRUE(stream_->Finish().ok());
-  EXPECT_EQ(answers[1].error, grpc::StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(answers[2].error, grpc::StatusCode::INVALID_ARGUMENT);
-  EXPECT_EQ(answers[3].error, grpc::StatusCode::DATA_LOSS);
-  EXPECT_EQ(answers[4].whole, 1);
+  EXPECT_TRUE(Finish().ok());
+  EXPECT_EQ(answers_[1].status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_NE(answers_[1].status.error_message().find("no_such_shader"), std::string::npos);
+  EXPECT_EQ(FieldOf(answers_[1].status), "targets[0].shader") << "as of a single call";
+  EXPECT_EQ(answers_[2].status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(answers_[3].status.error_code(), grpc::StatusCode::DATA_LOSS);
+  EXPECT_TRUE(answers_[4].in_one_message);
 }
 
-TEST_F(ManyTest, AnIdInHandMayNotComeAgain) {
+TEST_F(BatchTest, AnIdInHandMayNotComeAgain) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
-  v1::VoxelizeManyRequest slow = Item(7, SlowRequest());
-  const std::vector<uint8_t> endless = LargeTrianglesGlb(20000);
-  slow.set_mesh(endless.data(), endless.size());
-  slow.clear_crc32c();
-  ASSERT_TRUE(stream_->Write(slow));
-  ASSERT_TRUE(stream_->Write(Item(7, SmallRequest())));
-  v1::VoxelizeManyResponse response;
-  while (stream_->Read(&response)) {}
-  EXPECT_EQ(stream_->Finish().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  ASSERT_TRUE(Send(SlowJob(7)));
+  ASSERT_TRUE(Send(Job(7, SmallRequest())));
+  EXPECT_EQ(Finish().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   ExpectFree();  // the slow job was cancelled with its stream
 }
 
-TEST_F(ManyTest, AnIdMayComeAgainAsSoonAsItsAnswerIsThere) {
+TEST_F(BatchTest, AnIdMayComeAgainAsSoonAsItsAnswerIsThere) {
   ASSERT_NO_FATAL_FAILURE(Start());
-  v1::VoxelizeManyResponse response;
   for (int i = 0; i < 500; ++i) {
-    ASSERT_TRUE(stream_->Write(Item(7, SmallRequest())));
-    ASSERT_TRUE(stream_->Read(&response)) << i;
-    ASSERT_TRUE(response.has_whole()) << i << ": " << response.ShortDebugString();
+    ASSERT_TRUE(Send(Job(7, SmallRequest())));
+    ASSERT_TRUE(Receive()) << i;
+    ASSERT_TRUE(answers_[7].in_one_message) << i << ": " << answers_[7].status.error_message();
+    answers_.clear();
   }
   stream_->WritesDone();
-  EXPECT_FALSE(stream_->Read(&response));
+  EXPECT_FALSE(Receive());
   EXPECT_EQ(stream_->Finish().error_code(), grpc::StatusCode::OK);
 }
 
-TEST_F(ManyTest, AStreamThatIsGoneTakesItsJobsWithIt) {
+TEST_F(BatchTest, AStreamThatIsGoneTakesItsJobsWithIt) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
-  const std::vector<uint8_t> endless = LargeTrianglesGlb(20000);
-  for (uint64_t id = 0; id < 20; ++id) {
-    v1::VoxelizeManyRequest slow = Item(id, SlowRequest());
-    slow.set_mesh(endless.data(), endless.size());
-    slow.clear_crc32c();
-    ASSERT_TRUE(stream_->Write(slow));
-  }
+  for (uint64_t id = 0; id < 20; ++id) ASSERT_TRUE(Send(SlowJob(id)));
   context_.TryCancel();
-  v1::VoxelizeManyResponse response;
-  while (stream_->Read(&response)) {}
-  EXPECT_EQ(stream_->Finish().error_code(), grpc::StatusCode::CANCELLED);
+  EXPECT_EQ(Finish().error_code(), grpc::StatusCode::CANCELLED);
   ExpectFree();
 }
 
-TEST_F(ManyTest, WhoDoesNotReadIsNotRead) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--many-in-flight", "4", "--stall-timeout-ms", "60000"}));
+TEST_F(BatchTest, AJobThatIsNotWantedAnyMoreEnds) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
+  ASSERT_TRUE(Send({SlowJob(1), SlowJob(2), SlowJob(3)}));  // one of them runs, the others wait
+  ASSERT_TRUE(Cancel({1, 99, 3, 2, 2}));                    // 99 is of no job
+  while (Ended() < 3 && Receive()) {}
+  ASSERT_EQ(answers_.size(), 3u);
+  for (const auto& [id, answer] : answers_) {
+    EXPECT_EQ(answer.status.error_code(), grpc::StatusCode::CANCELLED) << id;
+    EXPECT_EQ(answer.headers, 0) << id;
+  }
+  ExpectFree();
+  // Their ids are free, and a cancel of what has ended changes nothing.
+  answers_.clear();
+  ASSERT_TRUE(Cancel({1, 2, 3}));
+  ASSERT_TRUE(Send({Job(1, SmallRequest()), Job(2, SmallRequest())}));
+  stream_->WritesDone();
+  EXPECT_TRUE(Finish().ok());
+  ASSERT_EQ(answers_.size(), 2u);
+  for (const auto& [id, answer] : answers_) EXPECT_EQ(answer.summaries, 1) << id;
+}
+
+TEST_F(BatchTest, ACancelIsTakenBeforeTheJobsOfItsMessage) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  v1::VoxelizeBatchRequest message;
+  *message.add_jobs() = Job(1, SmallRequest());
+  message.add_cancel(1);
+  ASSERT_TRUE(stream_->Write(message));
+  stream_->WritesDone();
+  EXPECT_TRUE(Finish().ok());
+  EXPECT_TRUE(answers_[1].status.ok()) << answers_[1].status.error_message();
+  EXPECT_EQ(answers_[1].summaries, 1);
+}
+
+TEST_F(BatchTest, ATimeOutEndsItsJobAlone) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
+  v1::BatchJob slow = SlowJob(1), none = Job(2, SmallRequest()), negative = Job(3, SmallRequest()),
+               patient = Job(4, SmallRequest());
+  slow.mutable_timeout()->set_nanos(300'000'000);
+  none.mutable_timeout();
+  negative.mutable_timeout()->set_seconds(-1);
+  patient.mutable_timeout()->set_seconds(std::chrono::seconds(kPatience).count());
+  ASSERT_TRUE(Send(slow));
+  while (Ended() < 1 && Receive()) {}
+  ASSERT_TRUE(Send({none, negative, patient, Job(5, SmallRequest())}));
+  stream_->WritesDone();
+  EXPECT_TRUE(Finish().ok());
+  for (const uint64_t id : {1, 2}) {
+    EXPECT_EQ(answers_[id].status.error_code(), grpc::StatusCode::DEADLINE_EXCEEDED)
+        << answers_[id].status.error_message();
+  }
+  EXPECT_EQ(answers_[3].status.error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(answers_[3].status.error_message(), "timeout: must not be negative");
+  for (const uint64_t id : {4, 5}) EXPECT_EQ(answers_[id].summaries, 1) << answers_[id].status.error_message();
+}
+
+TEST_F(BatchTest, WhoDoesNotReadIsNotRead) {
+  ASSERT_NO_FATAL_FAILURE(Start({"--batch-call-jobs", "4", "--stall-timeout-ms", "60000"}));
+  EXPECT_EQ(client_->ServerInfo().value_or(ServerDescription{}).batch_jobs, 4u);
   VoxelizeRequest request;  // 1 MiB each
   request.grid.dims = {128, 128, 64};
   request.grid.voxel_size = Vec3d{0.05, 0.05, 0.05};
@@ -142,13 +172,7 @@ TEST_F(ManyTest, WhoDoesNotReadIsNotRead) {
   constexpr int kJobs = 200;
   std::atomic<int> written{0};
   std::thread writer([&] {
-    for (uint64_t id = 0; id < kJobs; ++id) {
-      v1::VoxelizeManyRequest item = Item(id, request);
-      item.set_mesh(mesh.data(), mesh.size());
-      item.clear_crc32c();
-      if (!stream_->Write(item)) break;
-      ++written;
-    }
+    for (uint64_t id = 0; id < kJobs && Send(JobOf(id, RequestOf(request, mesh))); ++id) ++written;
     stream_->WritesDone();
   });
   // Until the writer stands still.
@@ -157,32 +181,29 @@ TEST_F(ManyTest, WhoDoesNotReadIsNotRead) {
     std::this_thread::sleep_for(std::chrono::milliseconds(300));
   }
   EXPECT_LT(written, kJobs / 2) << "the server takes more than it may have in hand";
-  std::map<uint64_t, JobAnswer> answers;
-  v1::VoxelizeManyResponse response;
-  while (stream_->Read(&response)) Add(response, answers[response.id()]);
+  while (Receive()) {}
   writer.join();
   EXPECT_TRUE(stream_->Finish().ok());
-  EXPECT_EQ(answers.size(), size_t{kJobs});
-  for (const auto& [id, answer] : answers) EXPECT_EQ(answer.whole, 1) << id;
+  EXPECT_EQ(answers_.size(), size_t{kJobs});
+  for (const auto& [id, answer] : answers_) EXPECT_TRUE(answer.in_one_message) << id;
 }
 
-TEST_F(ManyTest, ADrainAnswersWhatIsInHandAndEndsTheStream) {
+TEST_F(BatchTest, ADrainAnswersWhatIsInHandAndEndsTheStream) {
   ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "50"}));
-  for (uint64_t id = 0; id < 5; ++id) ASSERT_TRUE(stream_->Write(Item(id, SmallRequest())));
-  v1::VoxelizeManyResponse response;
-  ASSERT_TRUE(stream_->Read(&response));
+  for (uint64_t id = 0; id < 5; ++id) ASSERT_TRUE(Send(Job(id, SmallRequest())));
+  ASSERT_TRUE(Receive());
   server_->Signal(SIGTERM);
-  int answers = 1;
-  while (stream_->Read(&response)) ++answers;
-  EXPECT_EQ(answers, 5);
-  EXPECT_EQ(stream_->Finish().error_code(), grpc::StatusCode::UNAVAILABLE);
+  const grpc::Status status = Finish();
+  EXPECT_EQ(answers_.size(), 5u);
+  for (const auto& [id, answer] : answers_) EXPECT_EQ(answer.summaries, 1) << id;
+  EXPECT_EQ(status.error_code(), grpc::StatusCode::UNAVAILABLE);
   const auto ended = server_->Wait();
   ASSERT_TRUE(ended.ok()) << ended.status();
   EXPECT_EQ(ended->exit_code, 0);
 }
 
 // As the client library does it: a frame loop that sends and receives on one thread.
-TEST_F(ManyTest, AFrameLoopGetsEveryFrame) {
+TEST_F(BatchTest, AFrameLoopGetsEveryFrame) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const JobContext job;
   const std::unique_ptr<ManyStream> frames = client_->OpenMany(job, 4);
@@ -205,7 +226,7 @@ TEST_F(ManyTest, AFrameLoopGetsEveryFrame) {
   EXPECT_EQ(frames->Receive().status().code(), absl::StatusCode::kOutOfRange);
 }
 
-TEST_F(ManyTest, TheLibraryTellsErrorsOfJobsAndOfStreamsApart) {
+TEST_F(BatchTest, TheLibraryTellsErrorsOfJobsAndOfStreamsApart) {
   ASSERT_NO_FATAL_FAILURE(Start());
   JobContext job;
   const std::unique_ptr<ManyStream> jobs = client_->OpenMany(job);
@@ -232,7 +253,7 @@ TEST_F(ManyTest, TheLibraryTellsErrorsOfJobsAndOfStreamsApart) {
 }
 
 // What travels compressed and without a hash is the same result.
-TEST_F(ManyTest, CompressionAndNoHashChangeNoByte) {
+TEST_F(BatchTest, CompressionAndNoHashChangeNoByte) {
   ASSERT_NO_FATAL_FAILURE(Start());
   ConnectOptions options;
   options.timeout = kPatience;

@@ -1,4 +1,4 @@
-// One VoxelizeMany call: many small jobs on one stream, answered in order of completion.
+// One VoxelizeBatch call: many small jobs on one stream, answered in order of completion.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,6 @@
 #include <optional>
 #include <string_view>
 #include <unordered_map>
-#include <unordered_set>
 #include <vector>
 
 #include <grpcpp/grpcpp.h>
@@ -16,7 +15,6 @@
 #include "absl/status/status.h"
 #include "base/job_context.h"
 #include "calls/call_record.h"
-#include "calls/react_at_once.h"
 #include "reply/result_stream.h"
 #include "reply/write_ahead.h"
 #include "state/idle_watch.h"
@@ -28,11 +26,11 @@ namespace voxelpipe {
 // gRPC's threads call the On... functions and never wait here; workers end the jobs. Reading pauses while jobs or bytes
 // in progress reach the limits of the options, so that a client that does not read its responses cannot fill the
 // server. The object lives until gRPC is done with the call and all of its jobs have ended.
-class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
+class BatchCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::ByteBuffer> {
  public:
   // The reactor of a new call. `state` must outlive it.
-  static ManyCall* Create(ServiceState& state, grpc::CallbackServerContext& context);
-  ~ManyCall() override;
+  static BatchCall* Create(ServiceState& state, grpc::CallbackServerContext& context);
+  ~BatchCall() override;
 
   void OnReadDone(bool ok) override;
   void OnWriteDone(bool ok) override;
@@ -50,13 +48,15 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
     uint64_t bytes = 0, raw_bytes = 0;  // of the result in `message`: as sent, and before compression
   };
 
-  ManyCall(ServiceState& state, grpc::CallbackServerContext& context);
+  BatchCall(ServiceState& state, grpc::CallbackServerContext& context);
 
   // An error ends the call.
-  absl::Status TakeAll(v1::VoxelizeManyRequest& message);
-  absl::Status Take(v1::VoxelizeManyRequest& request);
+  absl::Status TakeAll(v1::VoxelizeBatchRequest& message);
+  absl::Status Take(v1::BatchJob& message);
+  // Ends a job that is not wanted any more; no effect on one that has ended.
+  void Withdraw(uint64_t id);
   // An error ends the job.
-  absl::Status Prepare(v1::VoxelizeManyRequest& request, Job& job);
+  absl::Status Prepare(v1::BatchJob& message, Job& job);
   // The job has ended, on any thread. The caller calls Pump.
   void Ended(Answer answer, bool failed);
   // The server shuts down: jobs in progress are answered, no further ones are read.
@@ -75,7 +75,7 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   ServiceState& state_;
   const CallGate::Pass pass_;             // released when gRPC and all jobs are done
   grpc::CallbackServerContext& context_;  // used by gRPC's threads only
-  std::shared_ptr<ManyCall> self_;        // until OnDone
+  std::shared_ptr<BatchCall> self_;       // until OnDone
   CallRecord record_;
   JobContext deadline_;  // of the call, which all jobs share
   std::unique_ptr<IdleWatch::Wait> write_wait_;
@@ -88,7 +88,7 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
 
   std::mutex mutex_;
   std::unordered_map<const Job*, std::shared_ptr<Job>> jobs_;  // in progress: read, and not completely answered
-  std::unordered_set<uint64_t> ids_;                           // of those whose response was not sent yet
+  std::unordered_map<uint64_t, std::shared_ptr<Job>> ids_;     // of those whose last reply was not sent yet
   uint64_t bytes_ = 0;                                         // of their meshes and results
   bool next_is_counted_ = true;                                // the next job was counted as a call
   uint64_t jobs_taken_ = 0, jobs_failed_ = 0;
@@ -100,7 +100,6 @@ class ManyCall final : public grpc::ServerBidiReactor<grpc::ByteBuffer, grpc::By
   int starting_reads_ = 0;  // threads that are about to start one
   bool reading_ = false, making_ = false, writing_ = false, finished_ = false;
   bool half_closed_ = false, draining_ = false;
-  bool takes_more_ = false;  // the client accepts several responses in one message
   std::optional<absl::Status> end_;
 };
 

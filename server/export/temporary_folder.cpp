@@ -1,4 +1,4 @@
-#include "web/download/temporary_folder.h"
+#include "export/temporary_folder.h"
 
 #include <algorithm>
 #include <array>
@@ -8,6 +8,7 @@
 #include <fstream>
 #include <span>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -59,8 +60,12 @@ absl::StatusOr<TemporaryFolder> TemporaryFolder::Create() {
 }
 
 TemporaryFolder::~TemporaryFolder() {
+  Remove();
+}
+
+void TemporaryFolder::Remove() {
   std::error_code error;
-  if (!path_.empty()) fs::remove_all(path_, error);
+  if (!path_.empty()) fs::remove_all(std::exchange(path_, ""), error);
 }
 
 uint64_t TemporaryFolder::Bytes() const {

@@ -20,7 +20,7 @@ namespace {
 constexpr size_t kJobs = 12;
 constexpr char kRuns[] = "voxelpipe_device_jobs_total{device=\"cpu\"}";
 
-class ManySharingTest : public ::testing::Test {
+class BatchSharingTest : public ::testing::Test {
  protected:
   void Start(std::vector<std::string> arguments = {}) {
     arguments.insert(arguments.end(), {"--log-level", "warn", "--http-listen", "127.0.0.1:0", "--backend", "cpu"});
@@ -37,7 +37,7 @@ class ManySharingTest : public ::testing::Test {
   std::string Upload(const std::vector<uint8_t>& bytes) {
     const absl::StatusOr<StoredMesh> mesh = client_->UploadMesh(bytes, MeshFormat::kAuto, job_);
     EXPECT_TRUE(mesh.ok()) << mesh.status();
-    return mesh.value_or(StoredMesh{}).mesh_id;
+    return mesh.value_or(StoredMesh{}).name;
   }
 
   // What came for equal jobs on one stream.
@@ -80,7 +80,7 @@ class ManySharingTest : public ::testing::Test {
 
 // Another job holds the one worker until all of them are there. One result fits into a message, the other leaves in
 // pieces.
-TEST_F(ManySharingTest, EqualJobsOfAStreamAreComputedOnce) {
+TEST_F(BatchSharingTest, EqualJobsOfAStreamAreComputedOnce) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(300));
   const std::string id = Upload(slow);
@@ -111,7 +111,7 @@ TEST_F(ManySharingTest, EqualJobsOfAStreamAreComputedOnce) {
   EXPECT_EQ(SampleAtLast("voxelpipe_memory_bytes{budget=\"working\"}", 0), 0);
 }
 
-TEST_F(ManySharingTest, AStreamThatEndsDoesNotDisturbACallThatWantsTheSame) {
+TEST_F(BatchSharingTest, AStreamThatEndsDoesNotDisturbACallThatWantsTheSame) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const std::string id = Upload(LargeTrianglesGlb(LessIfSlow(1000)));
   VoxelizeRequest request = SlowRequest();
@@ -131,7 +131,7 @@ TEST_F(ManySharingTest, AStreamThatEndsDoesNotDisturbACallThatWantsTheSame) {
   EXPECT_FALSE(result->cached);
 }
 
-TEST_F(ManySharingTest, AKeptResultAnswersAStream) {
+TEST_F(BatchSharingTest, AKeptResultAnswersAStream) {
   ASSERT_NO_FATAL_FAILURE(Start({"--result-cache-bytes", "16MiB"}));
   const std::vector<uint8_t> glb = TorusGlb(12);
   const std::string id = Upload(glb);
@@ -145,7 +145,7 @@ TEST_F(ManySharingTest, AKeptResultAnswersAStream) {
   EXPECT_EQ(Sample("voxelpipe_jobs_shared_total"), 0) << "nothing ran at the same time";
 }
 
-TEST_F(ManySharingTest, WithoutSharingEachIsComputed) {
+TEST_F(BatchSharingTest, WithoutSharingEachIsComputed) {
   ASSERT_NO_FATAL_FAILURE(Start({"--share-equal-jobs", "false"}));
   const std::string id = Upload(TorusGlb(12));
   EXPECT_EQ(Ask(id, SmallRequest(), kJobs).computed, kJobs);

@@ -21,6 +21,8 @@ class TemporaryFolder {
   TemporaryFolder& operator=(TemporaryFolder&&) = delete;
 
   const std::string& path() const { return path_; }
+  // Removes it now. Open files stay until they are closed.
+  void Remove();
   // Of all files in it, also while others write them.
   uint64_t Bytes() const;
   // The path of its only entry, if that is a file; otherwise of a new archive with all of them, whose name is `name`

@@ -1,4 +1,5 @@
-// VoxelizeMesh: one message in, the same as of Voxelize out, in bytes, errors and rules; small results in one message.
+// Voxelize: one message in, the same as of VoxelizeUpload out, in bytes, errors and rules. Small results come in one
+// message.
 #include <signal.h>
 
 #include <chrono>
@@ -12,29 +13,21 @@
 #include <grpcpp/create_channel.h>
 #include <grpcpp/security/credentials.h>
 
-#include "base/checksum/crc32c.h"
-#include "gmock/gmock.h"
-#include "google/rpc/error_details.pb.h"
-#include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
 #include "service/support/background_call.h"
 #include "service/support/effort.h"
 #include "service/support/http_get.h"
+#include "service/support/messages.h"
 #include "service/support/raw_client.h"
 #include "service/support/raw_messages.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
 #include "service/support/server_process.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
-#include "wire/request.h"
 #include "wire/status.h"
 
 namespace voxelpipe::testing {
 namespace {
-
-using ::testing::HasSubstr;
-
-constexpr char kMethod[] = "/voxelpipe.v1.VoxelizationService/VoxelizeMesh";
 
 VoxelizeRequest Normals(int64_t resolution, ResultKind kind) {
   VoxelizeRequest request;
@@ -54,20 +47,7 @@ VoxelizeRequest SmallAndSlow() {
   return request;
 }
 
-// Error details that can be compared: the order of a map on the wire is anyone's.
-std::string Details(const grpc::Status& status) {
-  google::rpc::Status all;
-  EXPECT_TRUE(all.ParseFromString(status.error_details()));
-  std::string text = std::to_string(all.code()) + " " + all.message();
-  for (const google::protobuf::Any& detail : all.details()) {
-    google::rpc::ErrorInfo info;
-    text += "\n" + detail.type_url() + " ";
-    text += detail.UnpackTo(&info) ? info.DebugString() : detail.value();
-  }
-  return text;
-}
-
-class MeshCallTest : public ::testing::Test {
+class VoxelizeTest : public ::testing::Test {
  protected:
   void Start(std::vector<std::string> arguments = {}) {
     arguments.insert(arguments.end(), {"--log-level", "warn", "--http-listen", "127.0.0.1:0"});
@@ -75,72 +55,17 @@ class MeshCallTest : public ::testing::Test {
     ASSERT_NE(server_, nullptr);
     client_ = ConnectTo(*server_);
     ASSERT_NE(client_, nullptr);
-    stub_ =
-        v1::VoxelizationService::NewStub(grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials()));
+    stub_ = StubOf(*server_);
   }
 
-  static v1::VoxelizeMeshRequest Message(const VoxelizeRequest& request, const std::vector<uint8_t>& mesh) {
-    v1::VoxelizeMeshRequest message;
-    *message.mutable_config() = MakeConfig(request, MeshFormat::kAuto);
-    message.set_mesh(mesh.data(), mesh.size());
-    return message;
+  static v1::VoxelizeRequest Message(const VoxelizeRequest& request, const std::vector<uint8_t>& mesh) {
+    return RequestOf(request, mesh, MeshFormat::kAuto);
   }
-
-  struct Answer {
-    std::string bytes;
-    v1::VoxelizationPlan plan;
-    v1::ResultHeader header;
-    v1::Summary summary;
-    bool in_one_message = false;
-    int messages = 0, progress = 0;
-    grpc::Status status;
-  };
-  template <typename Stream>
-  static Answer Read(Stream& stream) {
-    Answer out;
-    v1::VoxelizeResponse response;
-    const auto add = [&](const v1::ResultPiece& piece) {
-      EXPECT_EQ(piece.crc32c(), Crc32c({reinterpret_cast<const uint8_t*>(piece.data().data()), piece.data().size()}));
-      out.bytes += piece.data();
-    };
-    while (stream.Read(&response)) {
-      ++out.messages;
-      if (response.has_accepted()) out.plan = response.accepted();
-      if (response.has_progress()) ++out.progress;
-      if (response.has_header()) out.header = response.header();
-      if (response.has_piece()) add(response.piece());
-      if (response.has_summary()) out.summary = response.summary();
-      if (!response.has_whole()) continue;
-      out.in_one_message = true;
-      out.plan = response.whole().accepted();
-      out.header = response.whole().header();
-      for (const v1::ResultPiece& piece : response.whole().pieces()) add(piece);
-      out.summary = response.whole().summary();
-    }
-    out.status = stream.Finish();
-    return out;
+  Received Call(const v1::VoxelizeRequest& message, std::chrono::milliseconds timeout = kPatience) {
+    return testing::Call(*stub_, message, timeout);
   }
-
-  Answer Call(const v1::VoxelizeMeshRequest& message, std::chrono::milliseconds timeout = kPatience) {
-    grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + timeout);
-    return Read(*stub_->VoxelizeMesh(&context, message));
-  }
-
-  // The same job as a Voxelize call: config, then the mesh in one piece.
-  Answer Stream(const v1::VoxelizeMeshRequest& like) {
-    grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    const auto stream = stub_->Voxelize(&context);
-    v1::VoxelizeRequest message;
-    *message.mutable_config() = like.config();
-    bool open = stream->Write(message);
-    message.set_mesh_piece(like.mesh());
-    if (like.has_crc32c()) message.set_crc32c(like.crc32c());
-    if (open && !like.mesh().empty()) open = stream->Write(message);
-    stream->WritesDone();
-    return Read(*stream);
-  }
+  // The same job by VoxelizeUpload.
+  Received Upload(const v1::VoxelizeRequest& message) { return CallUpload(*stub_, message); }
 
   double Sample(const std::string& name) {
     const auto http = server_->http_address();
@@ -156,7 +81,7 @@ class MeshCallTest : public ::testing::Test {
     }
     return true;
   }
-  double Calls(const std::string& code, const std::string& method = "VoxelizeMesh") {
+  double Calls(const std::string& code, const std::string& method = "Voxelize") {
     return Sample("voxelpipe_calls_total{code=\"" + code + "\",method=\"" + method + "\"}");
   }
 
@@ -166,7 +91,7 @@ class MeshCallTest : public ::testing::Test {
   std::unique_ptr<v1::VoxelizationService::Stub> stub_;
 };
 
-TEST_F(MeshCallTest, TheBytesAreThoseOfAStream) {
+TEST_F(VoxelizeTest, TheBytesAreThoseOfAnUpload) {
   ASSERT_NO_FATAL_FAILURE(Start());
   std::vector<VoxelizeRequest> requests;
   for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
@@ -177,112 +102,120 @@ TEST_F(MeshCallTest, TheBytesAreThoseOfAStream) {
     }
   }
   for (const VoxelizeRequest& request : requests) {
-    const v1::VoxelizeMeshRequest message = Message(request, glb_);
-    const Answer answer = Call(message), stream = Stream(message);
+    const v1::VoxelizeRequest message = Message(request, glb_);
+    const Received answer = Call(message), upload = Upload(message);
     ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
-    ASSERT_TRUE(stream.status.ok()) << stream.status.error_message();
-    EXPECT_TRUE(answer.bytes == stream.bytes);
-    EXPECT_EQ(answer.in_one_message, stream.bytes.size() <= 1 << 20);
-    EXPECT_TRUE(!answer.in_one_message || answer.messages == 1 + answer.progress) << answer.messages;
-    EXPECT_FALSE(stream.in_one_message);
-    EXPECT_EQ(answer.summary.content_sha256(), stream.summary.content_sha256());
-    EXPECT_EQ(answer.summary.result_bytes(), stream.bytes.size());
-    EXPECT_EQ(answer.summary.stats().triangles(), 128u);
-    EXPECT_EQ(answer.header.grid().dims().SerializeAsString(), answer.plan.grid().dims().SerializeAsString());
+    ASSERT_TRUE(upload.status.ok()) << upload.status.error_message();
+    EXPECT_TRUE(answer.bytes == upload.bytes);
+    for (const Received* received : {&answer, &upload}) {
+      EXPECT_EQ(received->in_one_message, upload.bytes.size() <= 1 << 20);
+      EXPECT_TRUE(!received->in_one_message || received->messages == 1 + int(received->stages.size()))
+          << received->messages;
+      EXPECT_EQ(received->summary.content_sha256(), upload.summary.content_sha256());
+      EXPECT_EQ(received->summary.result_bytes(), int64_t(upload.bytes.size()));
+      EXPECT_EQ(received->summary.stats().triangles(), 128);
+      EXPECT_EQ(received->plans, 1);
+      EXPECT_EQ(received->header.grid().dims().SerializeAsString(), received->plan.grid().dims().SerializeAsString());
+    }
   }
 }
 
-TEST_F(MeshCallTest, SmallSlabsAreGathered) {
+TEST_F(VoxelizeTest, SmallSlabsAreGathered) {
   ASSERT_NO_FATAL_FAILURE(Start({"--stream-above-mb", "0"}));
-  const v1::VoxelizeMeshRequest message = Message(Normals(40, ResultKind::kDense), glb_);
-  const Answer answer = Call(message);
+  const v1::VoxelizeRequest message = Message(Normals(40, ResultKind::kDense), glb_);
+  const Received answer = Call(message);
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
   EXPECT_TRUE(answer.in_one_message);
   EXPECT_LT(answer.plan.slab_depth(), answer.plan.grid().dims().z());
-  EXPECT_EQ(answer.summary.content_sha256(), Stream(message).summary.content_sha256());
+  EXPECT_EQ(answer.summary.content_sha256(), Upload(message).summary.content_sha256());
 }
 
-TEST_F(MeshCallTest, AStoredMeshCompressionAndNoHashAreAsOnAStream) {
+TEST_F(VoxelizeTest, AStoredMeshCompressionAndNoHashAreAsInAnUpload) {
   ASSERT_NO_FATAL_FAILURE(Start({"--result-cache-bytes", "16MiB"}));
   const JobContext job;
   const auto mesh = client_->UploadMesh(glb_, MeshFormat::kGlb, job);
   ASSERT_TRUE(mesh.ok()) << mesh.status();
-  v1::VoxelizeMeshRequest message = Message(Normals(20, ResultKind::kDense), {});
-  message.mutable_config()->set_mesh_id(mesh->mesh_id);
-  const Answer first = Call(message), again = Call(message);
+  v1::VoxelizeRequest message = StoredRequestOf(Normals(20, ResultKind::kDense), mesh->name);
+  const Received first = Call(message), again = Call(message);
   ASSERT_TRUE(first.status.ok() && again.status.ok());
   EXPECT_FALSE(first.summary.cached());
   EXPECT_TRUE(again.summary.cached());
   EXPECT_EQ(first.summary.content_sha256(), again.summary.content_sha256());
-  message.mutable_config()->set_compression(v1::COMPRESSION_ZSTD);
-  const Answer packed = Call(message);
+  message.mutable_delivery()->set_compression(v1::COMPRESSION_ZSTD);
+  const Received packed = Call(message);
   ASSERT_TRUE(packed.status.ok());
   EXPECT_LT(packed.summary.sent_bytes(), packed.summary.result_bytes());
-  EXPECT_EQ(packed.summary.content_sha256(), Stream(message).summary.content_sha256());
-  message.mutable_config()->set_compression(v1::COMPRESSION_NONE);
-  message.mutable_config()->set_without_content_hash(true);
-  const Answer bare = Call(message);
+  EXPECT_EQ(packed.summary.content_sha256(), Upload(message).summary.content_sha256());
+  message.mutable_delivery()->set_compression(v1::COMPRESSION_NONE);
+  message.mutable_delivery()->set_content_hash(false);
+  const Received bare = Call(message);
   ASSERT_TRUE(bare.status.ok());
   EXPECT_EQ(bare.summary.content_sha256(), "");
   EXPECT_EQ(bare.bytes, first.bytes);
 }
 
-TEST_F(MeshCallTest, EveryErrorIsThatOfAStream) {
+TEST_F(VoxelizeTest, EveryErrorIsThatOfAnUpload) {
   ASSERT_NO_FATAL_FAILURE(Start({"--max-result-bytes", "2000000", "--max-file-bytes", "1048576"}));
-  std::vector<v1::VoxelizeMeshRequest> wrong(10, Message(SmallRequest(), glb_));
-  wrong[0].mutable_config()->mutable_targets(0)->mutable_shader()->set_name("nothing");
-  wrong[1].mutable_config()->mutable_grid()->set_resolution(-1);
-  wrong[2].mutable_config()->mutable_grid()->set_resolution(1024);  // beyond the server's limit
-  wrong[3].mutable_config()->set_mesh_id(std::string(64, 'a'));
-  wrong[4].mutable_config()->set_mesh_id("no id");
-  wrong[5].set_mesh("no mesh at all");
-  wrong[6].set_mesh("");
-  wrong[7].set_crc32c(1);
-  wrong[8].mutable_config()->set_backend(v1::BACKEND_CUDA);
-  wrong[9].set_mesh(std::string((1 << 20) + 1, ' '));
-  if (Stream(wrong[8]).status.ok()) wrong[8].mutable_config()->set_backend(v1::Backend(99));  // it has a GPU
+  std::vector<v1::VoxelizeRequest> wrong(14, Message(SmallRequest(), glb_));
+  wrong[0].mutable_spec()->mutable_targets(0)->mutable_shader()->set_name("nothing");
+  wrong[1].mutable_spec()->mutable_grid()->mutable_resolution()->set_voxels(-1);
+  wrong[2].mutable_spec()->mutable_grid()->mutable_resolution()->set_voxels(1024);  // beyond the server's limit
+  wrong[3] = StoredRequestOf(SmallRequest(), "meshes/" + std::string(64, 'a'));
+  wrong[4] = StoredRequestOf(SmallRequest(), "no name");
+  wrong[5].mutable_mesh()->mutable_bytes()->set_data("no mesh at all");
+  wrong[6].mutable_mesh()->mutable_bytes()->clear_data();
+  wrong[7].mutable_mesh()->mutable_bytes()->set_crc32c(1);
+  wrong[8].mutable_execution()->set_backend(v1::BACKEND_CUDA);
+  wrong[9].mutable_mesh()->mutable_bytes()->set_data(std::string((1 << 20) + 1, ' '));
+  wrong[10].mutable_mesh()->mutable_bytes()->set_unit(v1::LENGTH_UNIT_INCH);  // the file has one
+  wrong[11].mutable_mesh()->mutable_bytes()->set_format(v1::MESH_FORMAT_STL);
+  wrong[12].clear_mesh();
+  wrong[13].mutable_mesh()->mutable_stored();
+  // It has a GPU.
+  if (Upload(wrong[8]).status.ok()) wrong[8].mutable_execution()->set_backend(v1::Backend(99));
   for (size_t i = 0; i < wrong.size(); ++i) {
-    const grpc::Status told = Call(wrong[i]).status, expected = Stream(wrong[i]).status;
+    const grpc::Status told = Call(wrong[i]).status, expected = Upload(wrong[i]).status;
     EXPECT_FALSE(told.ok()) << i;
     EXPECT_EQ(told.error_code(), expected.error_code()) << i << ": " << told.error_message();
     EXPECT_EQ(told.error_message(), expected.error_message()) << i;
-    EXPECT_EQ(Details(told), Details(expected)) << i;
+    EXPECT_EQ(told.error_details(), expected.error_details()) << i;
   }
   EXPECT_TRUE(Call(Message(SmallRequest(), glb_)).status.ok());
 }
 
-TEST_F(MeshCallTest, BytesThatAreNoMessageAreRefused) {
+TEST_F(VoxelizeTest, BytesThatAreNoMessageAreRefused) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const auto channel = grpc::CreateChannel(server_->address(), grpc::InsecureChannelCredentials());
   for (const std::string& bytes : {std::string(), std::string("\xff\xff\xff\xff"), std::string("\x0a\xff\x01", 3)}) {
-    EXPECT_EQ(SendRawMessages(channel, kMethod, {bytes}).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+    EXPECT_EQ(SendRawMessages(channel, kVoxelizeMethod, {bytes}).error_code(), grpc::StatusCode::INVALID_ARGUMENT);
   }
   EXPECT_TRUE(Call(Message(SmallRequest(), glb_)).status.ok());
 }
 
 // Lists are estimated: only the end of the run tells whether they fit into one message.
-TEST_F(MeshCallTest, ALargeResultComesInPieces) {
+TEST_F(VoxelizeTest, ALargeResultComesInPieces) {
   ASSERT_NO_FATAL_FAILURE(Start());
   for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
-    const v1::VoxelizeMeshRequest message = Message(Normals(150, kind), glb_);
-    const Answer answer = Call(message), stream = Stream(message);
+    const v1::VoxelizeRequest message = Message(Normals(150, kind), glb_);
+    const Received answer = Call(message), upload = Upload(message);
     ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
-    EXPECT_EQ(answer.in_one_message, stream.bytes.size() <= 1 << 20);
-    EXPECT_TRUE(answer.bytes == stream.bytes);
+    EXPECT_EQ(answer.in_one_message, upload.bytes.size() <= 1 << 20);
+    EXPECT_EQ(upload.in_one_message, answer.in_one_message);
+    EXPECT_TRUE(answer.bytes == upload.bytes);
   }
 }
 
 // A slow job reports its progress before its small result.
-TEST_F(MeshCallTest, ASlowJobReportsProgress) {
+TEST_F(VoxelizeTest, ASlowJobReportsProgress) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
-  const Answer answer = Call(Message(SmallAndSlow(), LargeTrianglesGlb(LessIfSlow(6000))));
+  const Received answer = Call(Message(SmallAndSlow(), LargeTrianglesGlb(LessIfSlow(6000))));
   ASSERT_TRUE(answer.status.ok()) << answer.status.error_message();
   EXPECT_TRUE(answer.in_one_message);
-  EXPECT_GE(answer.progress, 1);
-  EXPECT_EQ(answer.messages, answer.progress + 1);
+  EXPECT_GE(answer.stages.size(), 1u);
+  EXPECT_EQ(answer.messages, int(answer.stages.size()) + 1);
 }
 
-TEST_F(MeshCallTest, TheClientSendsASmallMeshInOneMessageAndALargeOneInPieces) {
+TEST_F(VoxelizeTest, TheClientSendsASmallMeshInOneMessageAndALargeOneInPieces) {
   ASSERT_NO_FATAL_FAILURE(Start());
   const JobContext job;
   uint64_t sent = 0;
@@ -301,7 +234,7 @@ TEST_F(MeshCallTest, TheClientSendsASmallMeshInOneMessageAndALargeOneInPieces) {
   const std::vector<uint8_t> large = TorusGlb(200);
   ASSERT_GT(large.size(), size_t{1} << 20);
   ask(large, SmallRequest());
-  EXPECT_TRUE(Soon([&] { return Calls("OK", "Voxelize") == 1; }));
+  EXPECT_TRUE(Soon([&] { return Calls("OK", "VoxelizeUpload") == 1; }));
   EXPECT_EQ(Calls("OK"), 3);
   EXPECT_EQ(Sample("voxelpipe_jobs_total{code=\"OK\"}"), 4);
   EXPECT_EQ(Sample("voxelpipe_received_bytes_total"), double(sent));
@@ -310,7 +243,7 @@ TEST_F(MeshCallTest, TheClientSendsASmallMeshInOneMessageAndALargeOneInPieces) {
 }
 
 // HTTP/2's own window is 64 KiB, and this client never opens it.
-TEST_F(MeshCallTest, AClientThatDoesNotTakeItsAnswerIsLetGo) {
+TEST_F(VoxelizeTest, AClientThatDoesNotTakeItsAnswerIsLetGo) {
   ASSERT_NO_FATAL_FAILURE(Start({"--stall-timeout-ms", "500"}));
   VoxelizeRequest request = Normals(44, ResultKind::kDense);
   request.grid.fit = GridFit::kCube;  // a megabyte
@@ -318,23 +251,22 @@ TEST_F(MeshCallTest, AClientThatDoesNotTakeItsAnswerIsLetGo) {
   ASSERT_TRUE(client.ok()) << client.status();
   ASSERT_TRUE((*client)->Send("PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + http2::Frame(http2::kSettings, 0, 0, "")));
   const std::string message = http2::Message(Message(request, glb_).SerializeAsString());
-  ASSERT_TRUE((*client)->Send(http2::Request(1, kMethod) + http2::Data(1, message, true)));
+  ASSERT_TRUE((*client)->Send(http2::Request(1, kVoxelizeMethod) + http2::Data(1, message, true)));
   ASSERT_TRUE((*client)->ReadUntilData());
   EXPECT_TRUE(Soon([&] { return Calls("ABORTED") == 1; }));
-  EXPECT_EQ(Sample("voxelpipe_calls_in_flight{method=\"VoxelizeMesh\"}"), 0);
+  EXPECT_EQ(Sample("voxelpipe_calls_in_flight{method=\"Voxelize\"}"), 0);
   EXPECT_TRUE(Soon([&] { return Sample("voxelpipe_memory_bytes{budget=\"working\"}") == 0; }));
 }
 
-TEST_F(MeshCallTest, CancelAndDeadlineEndTheCallAndFreeTheWorker) {
+TEST_F(VoxelizeTest, CancelAndDeadlineEndTheCallAndFreeTheWorker) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
-  const v1::VoxelizeMeshRequest slow = Message(SmallAndSlow(), LargeTrianglesGlb(40000));
+  const v1::VoxelizeRequest slow = Message(SmallAndSlow(), LargeTrianglesGlb(40000));
   // While it runs, and, behind it, while it waits.
   for (int i = 0; i < 3; ++i) {
     grpc::ClientContext contexts[2];
     std::vector<std::future<grpc::Status>> calls;
     for (grpc::ClientContext& context : contexts) {
-      calls.push_back(
-          std::async(std::launch::async, [&] { return Read(*stub_->VoxelizeMesh(&context, slow)).status; }));
+      calls.push_back(std::async(std::launch::async, [&] { return Collect(*stub_->Voxelize(&context, slow)).status; }));
     }
     ASSERT_TRUE(Soon([&] { return Sample("voxelpipe_running_jobs") >= 1; }));  // 2 where both come at once
     std::this_thread::sleep_for(std::chrono::milliseconds(20 * i));
@@ -344,13 +276,13 @@ TEST_F(MeshCallTest, CancelAndDeadlineEndTheCallAndFreeTheWorker) {
   }
   EXPECT_EQ(Call(slow, std::chrono::milliseconds(300)).status.error_code(), grpc::StatusCode::DEADLINE_EXCEEDED);
   EXPECT_TRUE(Call(Message(SmallRequest(), glb_)).status.ok());
-  EXPECT_TRUE(Soon([&] { return Sample("voxelpipe_calls_in_flight{method=\"VoxelizeMesh\"}") == 0; }));
+  EXPECT_TRUE(Soon([&] { return Sample("voxelpipe_calls_in_flight{method=\"Voxelize\"}") == 0; }));
   EXPECT_TRUE(Soon([&] { return Sample("voxelpipe_memory_bytes{budget=\"working\"}") == 0; }));
   EXPECT_EQ(Sample("voxelpipe_memory_bytes{budget=\"uploads\"}"), 0);
 }
 
 // Equal requests share one run, whether the result is sent in one message or in pieces.
-TEST_F(MeshCallTest, EqualRequestsShareOneRun) {
+TEST_F(VoxelizeTest, EqualRequestsShareOneRun) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1"}));
   const JobContext job;
   const auto mesh = client_->UploadMesh(LargeTrianglesGlb(LessIfSlow(3000)), MeshFormat::kGlb, job);
@@ -358,15 +290,14 @@ TEST_F(MeshCallTest, EqualRequestsShareOneRun) {
   for (const int64_t resolution : {60, 200}) {
     VoxelizeRequest request = SmallAndSlow();
     request.grid.resolution = resolution;
-    v1::VoxelizeMeshRequest message = Message(request, {});
-    message.mutable_config()->set_mesh_id(mesh->mesh_id);
-    std::vector<std::future<Answer>> calls;
+    const v1::VoxelizeRequest message = StoredRequestOf(request, mesh->name);
+    std::vector<std::future<Received>> calls;
     for (int i = 0; i < 6; ++i) {
       calls.push_back(std::async(std::launch::async, [&] { return Call(message); }));
     }
     std::string hash;
     for (auto& call : calls) {
-      const Answer answer = call.get();
+      const Received answer = call.get();
       EXPECT_TRUE(answer.status.ok()) << answer.status.error_message();
       EXPECT_EQ(answer.in_one_message, answer.bytes.size() <= 1 << 20);
       if (hash.empty()) hash = answer.summary.content_sha256();
@@ -377,13 +308,13 @@ TEST_F(MeshCallTest, EqualRequestsShareOneRun) {
   EXPECT_TRUE(Soon([&] { return Sample("voxelpipe_running_jobs") == 0; }));
 }
 
-TEST_F(MeshCallTest, AFullQueueAsksToComeAgain) {
+TEST_F(VoxelizeTest, AFullQueueAsksToComeAgain) {
   ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1", "--threads", "1", "--max-queue", "1"}));
   BackgroundCall running(*client_, LargeTrianglesGlb(20000), SlowRequest());  // a minute or more
   ASSERT_TRUE(running.WaitUntilPlanned());
-  const v1::VoxelizeMeshRequest message = Message(SmallRequest(), glb_);
+  const v1::VoxelizeRequest message = Message(SmallRequest(), glb_);
   grpc::ClientContext context;
-  auto waiting = std::async(std::launch::async, [&] { return Read(*stub_->VoxelizeMesh(&context, message)).status; });
+  auto waiting = std::async(std::launch::async, [&] { return Collect(*stub_->Voxelize(&context, message)).status; });
   ASSERT_TRUE(Soon([&] { return Sample("voxelpipe_queue_jobs{priority=\"normal\"}") == 1; }));
   const grpc::Status refused = Call(message).status;
   EXPECT_EQ(refused.error_code(), grpc::StatusCode::RESOURCE_EXHAUSTED);
@@ -394,10 +325,10 @@ TEST_F(MeshCallTest, AFullQueueAsksToComeAgain) {
   EXPECT_EQ(running.Result().status().code(), absl::StatusCode::kCancelled);
 }
 
-TEST_F(MeshCallTest, ADrainAnswersWhatIsInHandAndTakesNothingElse) {
+TEST_F(VoxelizeTest, ADrainAnswersWhatIsInHandAndTakesNothingElse) {
   ASSERT_NO_FATAL_FAILURE(Start({"--lame-duck-ms", "0"}));
   VoxelizeRequest request = SmallAndSlow();
-  const v1::VoxelizeMeshRequest message = Message(request, LargeTrianglesGlb(LessIfSlow(500)));
+  const v1::VoxelizeRequest message = Message(request, LargeTrianglesGlb(LessIfSlow(500)));
   auto call = std::async(std::launch::async, [&] { return Call(message).status; });
   ASSERT_TRUE(Soon([&] { return Sample("voxelpipe_running_jobs") == 1 || Calls("OK") == 1; }));
   server_->Signal(SIGTERM);

@@ -1,6 +1,8 @@
-#include "calls/many_call.h"
+#include "calls/batch_call.h"
 
 #include <algorithm>
+#include <chrono>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -8,7 +10,6 @@
 #include <google/protobuf/arena.h>
 
 #include "absl/strings/str_cat.h"
-#include "base/checksum/crc32c.h"
 #include "calls/call_setup.h"
 #include "calls/job_setup.h"
 #include "jobs/job_counts.h"
@@ -17,6 +18,7 @@
 #include "jobs/voxelize_job.h"
 #include "reply/raw_message.h"
 #include "run/answer_burst.h"
+#include "wire/duration.h"
 #include "wire/response.h"
 #include "wire/status.h"
 
@@ -28,10 +30,11 @@ constexpr int kMaxJobs = 256;
 constexpr size_t kMaxAnswers = 256, kMaxAnswerBytes = 256 << 10;
 
 grpc::ByteBuffer ErrorMessage(uint64_t id, const absl::Status& status) {
-  v1::VoxelizeManyResponse response;
-  response.set_id(id);
+  v1::VoxelizeBatchResponse response;
+  v1::BatchReply& reply = *response.add_replies();
+  reply.set_id(id);
   // A call's error details are a google.rpc.Status with code and message.
-  response.mutable_error()->ParseFromString(ToGrpcStatus(status).error_details());
+  reply.mutable_error()->ParseFromString(ToGrpcStatus(status).error_details());
   grpc::ByteBuffer message;
   WriteMessage(response, message);
   return message;
@@ -39,9 +42,9 @@ grpc::ByteBuffer ErrorMessage(uint64_t id, const absl::Status& status) {
 
 }  // namespace
 
-class ManyCall::Job final : public VoxelizeJob {
+class BatchCall::Job final : public VoxelizeJob {
  public:
-  Job(std::shared_ptr<ManyCall> call, uint64_t id)
+  Job(std::shared_ptr<BatchCall> call, uint64_t id)
       : call_(std::move(call)), id_(id), uploads_(call_->state_.uploads), working_(call_->state_.working) {}
 
   uint64_t id() const { return id_; }
@@ -83,14 +86,16 @@ class ManyCall::Job final : public VoxelizeJob {
   void Reply(const std::shared_ptr<const JobOutcome>& outcome, bool cached) {
     const PieceOptions options = PiecesOf(call_->state_.options);
     Answer answer;
-    if (ResultBytes(outcome->result) <= kWholeBytes) {
-      ResultPieces whole(config.settings, options, ResponseCoder(id_));
+    if (FitsOneMessage(ResultBytes(outcome->result), config.settings)) {
+      ResultPieces whole(config.request, config.settings, options, ResponseCoder(id_));
       whole.SetShared(cached, outcome->sums);
-      answer.message = std::make_unique<grpc::ByteBuffer>(whole.Whole(plan_, outcome));
+      answer.message = std::make_unique<grpc::ByteBuffer>(whole.Whole(&plan_, outcome));
       answer.bytes = whole.sent_bytes();
       answer.raw_bytes = whole.bytes();
     } else {
-      answer.stream = std::make_shared<ResultStream>(outcome, config.settings, options, ResponseCoder(id_), cached);
+      answer.stream =
+          std::make_shared<ResultStream>(outcome, config.request, config.settings, options, ResponseCoder(id_), cached);
+      answer.stream->SetPlan(plan_);
     }
     Reply(std::move(answer), false);
   }
@@ -100,22 +105,22 @@ class ManyCall::Job final : public VoxelizeJob {
     pieces.clear();
     uploads_.ShrinkTo(0);
     // The call owns this job until it has been answered, and this job the call until now.
-    const std::shared_ptr<ManyCall> call = std::move(call_);
+    const std::shared_ptr<BatchCall> call = std::move(call_);
     answer.job = std::static_pointer_cast<Job>(self.lock());
     call->Ended(std::move(answer), failed);
     if (!AnswerBurst::Later(call.get(), [call] { call->Pump(); })) call->Pump();
   }
 
-  std::shared_ptr<ManyCall> call_;
+  std::shared_ptr<BatchCall> call_;
   const uint64_t id_;
   BudgetShare uploads_, working_;
   Plan plan_;
 };
 
-ManyCall* ManyCall::Create(ServiceState& state, grpc::CallbackServerContext& context) {
-  std::shared_ptr<ManyCall> call(new ManyCall(state, context));
+BatchCall* BatchCall::Create(ServiceState& state, grpc::CallbackServerContext& context) {
+  std::shared_ptr<BatchCall> call(new BatchCall(state, context));
   call->self_ = call;
-  const std::weak_ptr<ManyCall> weak = call;
+  const std::weak_ptr<BatchCall> weak = call;
   const uint32_t patience_ms = state.options.stall_timeout_ms;
   call->write_wait_ =
       std::make_unique<IdleWatch::Wait>(state.idle_watch, std::chrono::milliseconds(patience_ms), [weak, patience_ms] {
@@ -134,18 +139,18 @@ ManyCall* ManyCall::Create(ServiceState& state, grpc::CallbackServerContext& con
   return call.get();
 }
 
-ManyCall::ManyCall(ServiceState& state, grpc::CallbackServerContext& context)
-    : state_(state), pass_(state.gate), context_(context), record_(state, context, Rpc::kVoxelizeMany) {
+BatchCall::BatchCall(ServiceState& state, grpc::CallbackServerContext& context)
+    : state_(state), pass_(state.gate), context_(context), record_(state, context, Rpc::kVoxelizeBatch) {
   SetDeadline(context, deadline_);
 }
 
-ManyCall::~ManyCall() = default;
+BatchCall::~BatchCall() = default;
 
-void ManyCall::OnReadDone(bool ok) {
+void BatchCall::OnReadDone(bool ok) {
   absl::Status status = absl::OkStatus();
   if (ok) {
     google::protobuf::Arena arena;
-    auto& request = *google::protobuf::Arena::CreateMessage<v1::VoxelizeManyRequest>(&arena);
+    auto& request = *google::protobuf::Arena::CreateMessage<v1::VoxelizeBatchRequest>(&arena);
     status = ReadMessage(read_, request);
     if (status.ok()) status = TakeAll(request);
   }
@@ -161,42 +166,46 @@ void ManyCall::OnReadDone(bool ok) {
   }
 }
 
-absl::Status ManyCall::TakeAll(v1::VoxelizeManyRequest& message) {
-  if (message.more_size() >= kMaxJobs) {
+absl::Status BatchCall::TakeAll(v1::VoxelizeBatchRequest& message) {
+  if (message.jobs_size() > kMaxJobs) {
     return absl::InvalidArgumentError(
-        absl::StrCat("more: a message of ", message.more_size() + 1, " jobs; at most ", kMaxJobs, " are allowed"));
+        absl::StrCat("jobs: a message of ", message.jobs_size(), " jobs; at most ", kMaxJobs, " are allowed"));
   }
-  for (const v1::VoxelizeManyRequest& request : message.more()) {
-    if (request.more_size() > 0) {
-      return absl::InvalidArgumentError(absl::StrCat("more: job ", request.id(), " holds more itself"));
-    }
-  }
-  if (message.takes_more()) {
-    const std::lock_guard lock(mutex_);
-    takes_more_ = true;
-  }
-  absl::Status status = Take(message);
-  for (int i = 0; status.ok() && i < message.more_size(); ++i) status = Take(*message.mutable_more(i));
+  for (const uint64_t id : message.cancel()) Withdraw(id);
+  absl::Status status;
+  for (int i = 0; status.ok() && i < message.jobs_size(); ++i) status = Take(*message.mutable_jobs(i));
   return status;
 }
 
-absl::Status ManyCall::Take(v1::VoxelizeManyRequest& request) {
-  const auto job = std::make_shared<Job>(self_, request.id());
+void BatchCall::Withdraw(uint64_t id) {
+  std::shared_ptr<Job> job;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = ids_.find(id);
+    if (found == ids_.end()) return;
+    job = found->second;
+  }
+  job->context.Cancel();
+  if (state_.results.Withdraw(*job)) job->Done(job->context.Check());
+}
+
+absl::Status BatchCall::Take(v1::BatchJob& message) {
+  const auto job = std::make_shared<Job>(self_, message.id());
   job->self = job;
   bool draining;
   {
     const std::lock_guard lock(mutex_);
     if (end_) return absl::OkStatus();
     draining = draining_;
-    if (!ids_.insert(request.id()).second) {
-      return absl::InvalidArgumentError(absl::StrCat("id: a job ", request.id(), " is already in use"));
+    if (!ids_.emplace(message.id(), job).second) {
+      return absl::InvalidArgumentError(absl::StrCat("id: a job ", message.id(), " is already in use"));
     }
     jobs_.emplace(job.get(), job);
     ++jobs_taken_;
-    job->bytes_in_hand = request.mesh().size();
+    job->bytes_in_hand = message.request().mesh().ByteSizeLong();
     bytes_ += job->bytes_in_hand;
   }
-  absl::Status status = draining ? ShuttingDownError() : Prepare(request, *job);
+  absl::Status status = draining ? ShuttingDownError() : Prepare(message, *job);
   if (status.ok()) status = state_.results.Submit(job);
   if (!status.ok()) job->Done(std::move(status));
   // The cancellation may have come before the job could be withdrawn.
@@ -207,20 +216,26 @@ absl::Status ManyCall::Take(v1::VoxelizeManyRequest& request) {
   return absl::OkStatus();
 }
 
-absl::Status ManyCall::Prepare(v1::VoxelizeManyRequest& request, Job& job) {
+absl::Status BatchCall::Prepare(v1::BatchJob& message, Job& job) {
   {
     const std::lock_guard lock(mutex_);
     // The start of the stream was already counted as the call of its first job.
     const bool counted = std::exchange(next_is_counted_, false);
     if (absl::Status s = counted ? absl::OkStatus() : record_.TakeCall(); !s.ok()) return s;
   }
-  if (deadline_.deadline()) job.context.set_deadline(*deadline_.deadline());
-  if (absl::Status s = ConfigureJob(state_, request.config(), record_.client, job); !s.ok()) return s;
-  std::string& mesh = *request.mutable_mesh();
-  if (request.has_crc32c() &&
-      Crc32c({reinterpret_cast<const uint8_t*>(mesh.data()), mesh.size()}) != request.crc32c()) {
-    return absl::DataLossError("the CRC-32C of the mesh bytes from offset 0 does not fit");
+  std::optional<JobContext::Clock::time_point> deadline = deadline_.deadline();
+  if (message.has_timeout()) {
+    const absl::StatusOr<std::chrono::milliseconds> timeout = ReadTimeout(message.timeout(), "timeout");
+    if (!timeout.ok()) return timeout.status();
+    const auto end = JobContext::Clock::now() + *timeout;
+    if (!deadline || end < *deadline) deadline = end;
   }
+  if (deadline) job.context.set_deadline(*deadline);
+  if (absl::Status s = ConfigureJob(state_, message.request(), record_.client, job); !s.ok()) return s;
+  const MeshData data = MeshDataOf(*message.mutable_request());
+  if (data.bytes == nullptr) return absl::OkStatus();
+  std::string& mesh = *data.bytes;
+  if (absl::Status s = CheckMeshCrc(mesh, data.crc32c, 0); !s.ok()) return s;
   if (job.kept) {
     if (absl::Status s = CheckMeshBytes(*job.kept, job.config, mesh.size(), false); !s.ok()) return s;
   }
@@ -233,7 +248,7 @@ absl::Status ManyCall::Prepare(v1::VoxelizeManyRequest& request, Job& job) {
   return absl::OkStatus();
 }
 
-void ManyCall::Ended(Answer answer, bool failed) {
+void BatchCall::Ended(Answer answer, bool failed) {
   {
     const std::lock_guard lock(mutex_);
     if (failed) ++jobs_failed_;
@@ -249,7 +264,7 @@ void ManyCall::Ended(Answer answer, bool failed) {
   }
 }
 
-void ManyCall::StopTaking() {
+void BatchCall::StopTaking() {
   {
     const std::lock_guard lock(mutex_);
     draining_ = true;
@@ -257,21 +272,21 @@ void ManyCall::StopTaking() {
   Pump();
 }
 
-bool ManyCall::HasRoomLocked() const {
-  return jobs_.size() < state_.options.many_in_flight && bytes_ < state_.options.many_bytes;
+bool BatchCall::HasRoomLocked() const {
+  return jobs_.size() < state_.options.batch_call_jobs && bytes_ < state_.options.batch_call_bytes;
 }
 
-void ManyCall::ChooseLocked() {
+void BatchCall::ChooseLocked() {
   size_t bytes = 0;
   do {
     if (ready_.front().message) bytes += ready_.front().message->Length();
     current_.push_back(std::move(ready_.front()));
     ready_.pop_front();
-  } while (takes_more_ && !current_.front().stream && !ready_.empty() && !ready_.front().stream &&
-           current_.size() < kMaxAnswers && bytes + ready_.front().message->Length() <= kMaxAnswerBytes);
+  } while (!current_.front().stream && !ready_.empty() && !ready_.front().stream && current_.size() < kMaxAnswers &&
+           bytes + ready_.front().message->Length() <= kMaxAnswerBytes);
 }
 
-std::vector<ManyCall::Answer> ManyCall::WrittenLocked() {
+std::vector<BatchCall::Answer> BatchCall::WrittenLocked() {
   for (const Answer& answer : current_) {
     bytes_ -= answer.job->bytes_in_hand;
     jobs_.erase(answer.job.get());
@@ -279,9 +294,9 @@ std::vector<ManyCall::Answer> ManyCall::WrittenLocked() {
   return std::exchange(current_, {});
 }
 
-void ManyCall::Pump() {
+void BatchCall::Pump() {
   std::unique_lock lock(mutex_);
-  std::shared_ptr<ManyCall> keep = self_;  // this thread may hold the last reference to the call
+  std::shared_ptr<BatchCall> keep = self_;  // this thread may hold the last reference to the call
   while (!finished_) {
     if (!reading_ && !half_closed_ && !draining_ && !end_ && HasRoomLocked()) {
       reading_ = true;
@@ -309,6 +324,7 @@ void ManyCall::Pump() {
     }
     if (current_.empty()) ChooseLocked();
     const std::shared_ptr<ResultStream> stream = current_.front().stream;
+    const std::shared_ptr<Job> job = current_.front().job;  // the stream reads its request
     if (stream) {
       making_ = true;  // without the lock, because hashing and compressing take long
       lock.unlock();
@@ -330,7 +346,7 @@ void ManyCall::Pump() {
         record_.bytes_out += answer.bytes;
         record_.raw_bytes_out += answer.raw_bytes;
       }
-      grpc::ByteBuffer message = AnswersInOne(messages);
+      grpc::ByteBuffer message = RepliesInOne(messages);
       writing_message_.Swap(&message);
       last_of_current_ = true;
     }
@@ -351,7 +367,7 @@ void ManyCall::Pump() {
   }
 }
 
-void ManyCall::OnWriteDone(bool ok) {
+void BatchCall::OnWriteDone(bool ok) {
   write_wait_->End();
   std::vector<Answer> written;
   {
@@ -367,17 +383,17 @@ void ManyCall::OnWriteDone(bool ok) {
   Pump();
 }
 
-void ManyCall::GiveUp(std::string_view why) {
+void BatchCall::GiveUp(std::string_view why) {
   End(absl::AbortedError(std::string(why)));
   HangUp();  // the call can finish only after the write in flight
 }
 
-void ManyCall::HangUp() {
+void BatchCall::HangUp() {
   const std::lock_guard lock(context_mutex_);
   if (!context_gone_) context_.TryCancel();
 }
 
-void ManyCall::End(absl::Status status) {
+void BatchCall::End(absl::Status status) {
   std::vector<std::shared_ptr<Job>> jobs;
   std::deque<Answer> ready;  // freed without the lock
   {
@@ -395,13 +411,13 @@ void ManyCall::End(absl::Status status) {
   Pump();
 }
 
-void ManyCall::OnCancel() {
+void BatchCall::OnCancel() {
   if (deadline_.Check().ok()) deadline_.Cancel();
   End(deadline_.Check());
 }
 
-void ManyCall::OnDone() {
-  std::shared_ptr<ManyCall> keep;
+void BatchCall::OnDone() {
+  std::shared_ptr<BatchCall> keep;
   write_wait_->End();
   closer_.reset();
   {
