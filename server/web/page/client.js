@@ -7,10 +7,19 @@ import {joined, Messages} from './messages.js';
 const SERVICE = '/voxelpipe.v1.VoxelizationService/';
 const INVALID_ARGUMENT = 3, NOT_FOUND = 5, PERMISSION_DENIED = 7, RESOURCE_EXHAUSTED = 8, UNAUTHENTICATED = 16;
 const TRAILERS = 128;
+// google.rpc.Status and BadRequest, as far as the page reads them.
+const STATUS = new Messages({enums: {}, messages: {
+  Status: {details: {number: 3, type: 'message', of: 'Any', repeated: true}},
+  Any: {type_url: {number: 1, type: 'string'}, value: {number: 2, type: 'bytes'}},
+  BadRequest: {field_violations: {number: 1, type: 'message', of: 'FieldViolation', repeated: true}},
+  FieldViolation: {field: {number: 1, type: 'string'}, description: {number: 2, type: 'string'}},
+}});
 
 export class CallError extends Error {
-  constructor(code, message) {
+  // In: the gRPC code, the message, and the value of grpc-status-details-bin, if there is one.
+  constructor(code, message, details) {
     super(message);
+    this.violations = violationsOf(details); // [{field, description}]: the fields of the request at fault
     this.needsToken = code === UNAUTHENTICATED;
     this.invalid = code === INVALID_ARGUMENT;
     this.missing = code === NOT_FOUND;
@@ -47,14 +56,14 @@ export class Server {
       body: new Blob([head, bytes]),
     });
     if (!response.ok) throw await errorOf(response);
-    check(response.headers.get('grpc-status'), response.headers.get('grpc-message'));
+    check(response.headers);
     let trailers;
     for await (const [flags, frame] of framesOf(response.body)) {
       if (flags & TRAILERS) trailers = headersOf(frame);
       else yield this.messages.decode(names.response, frame);
     }
     if (!trailers) throw new CallError(null, 'the connection ended before the answer did');
-    check(trailers.get('grpc-status'), trailers.get('grpc-message'));
+    check(trailers);
   }
 
   async one(method, request, signal) {
@@ -89,7 +98,8 @@ async function errorOf(response) {
   const status = response.headers.get('grpc-status') ?? (response.status === 401 ? UNAUTHENTICATED : null);
   const type = response.headers.get('content-type') ?? '';
   const text = type.startsWith('text/plain') ? (await response.text()).trim() : '';
-  return new CallError(Number(status), text || `the server refused the request: HTTP ${response.status}`);
+  return new CallError(Number(status), text || `the server refused the request: HTTP ${response.status}`,
+    response.headers.get('grpc-status-details-bin'));
 }
 
 // A binary value of a header: base64, with or without padding.
@@ -104,9 +114,23 @@ function headersOf(bytes) {
   }));
 }
 
-function check(status, message) {
+// In: a Map of trailers, or Headers.
+function check(headers) {
+  const status = headers.get('grpc-status');
   if (!status || status === '0') return;
-  throw new CallError(Number(status), unescaped(message ?? '') || `status ${status}`);
+  throw new CallError(Number(status), unescaped(headers.get('grpc-message') ?? '') || `status ${status}`,
+    headers.get('grpc-status-details-bin'));
+}
+
+// Details that cannot be read tell nothing: the message is there.
+function violationsOf(details) {
+  if (!details) return [];
+  try {
+    return STATUS.decode('Status', binary(details)).details.filter(({type_url: type}) => /BadRequest$/.test(type))
+      .flatMap(({value}) => STATUS.decode('BadRequest', value).field_violations);
+  } catch {
+    return [];
+  }
 }
 
 // PROTOCOL-HTTP2.md, Percent-Encoded: what is not valid stays as it is.

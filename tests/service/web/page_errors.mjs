@@ -1,7 +1,7 @@
 // usage: node page_errors.mjs PAGE_FOLDER WORK_FOLDER
 //
 // What the page's client makes of answers that are errors: the words of the server, whatever they look like, and
-// whether a token is missing.
+// whether a token is missing, and which fields of the request are at fault.
 import assert from 'node:assert/strict';
 import fs from 'node:fs';
 import path from 'node:path';
@@ -65,3 +65,19 @@ const needed = await ended('grpc-status: 16\r\ngrpc-message: a token is needed: 
 assert.equal(needed.message, 'a token is needed: authorization: Bearer TOKEN');
 assert.equal(needed.needsToken, true);
 assert.equal((await ended('grpc-status: 8\r\ngrpc-message: 100% is used\r\n')).message, '100% is used');
+assert.deepEqual(needed.violations, []);
+
+// google.rpc.Status with the details of an INVALID_ARGUMENT.
+const {joined} = await import(pathToFileURL(path.join(work, 'messages.js')));
+const text8 = (words) => new TextEncoder().encode(words);
+const field = (number, bytes) => joined([Uint8Array.of(number * 8 + 2, bytes.length), bytes]);
+const detail = (type, bytes) =>
+  field(3, joined([field(1, text8(`type.googleapis.com/google.rpc.${type}`)), field(2, bytes)]));
+const violation = field(1, joined([field(1, text8('grid.voxel_size')), field(2, text8('must be positive'))]));
+const status = joined([detail('ErrorInfo', field(1, text8('INVALID_REQUEST'))), detail('BadRequest', violation)]);
+const details = btoa(String.fromCharCode(...status)).replaceAll('=', '');
+const violations = [{field: 'grid.voxel_size', description: 'must be positive'}];
+const told = {'grpc-status': '3', 'grpc-status-details-bin': details};
+assert.deepEqual((await errorOf('file', () => text(400, 'invalid', told))).violations, violations);
+assert.deepEqual((await ended(`grpc-status: 3\r\ngrpc-status-details-bin: ${details}\r\n`)).violations, violations);
+assert.deepEqual((await ended('grpc-status: 3\r\ngrpc-status-details-bin: CAFF\r\n')).violations, []);
