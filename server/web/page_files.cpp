@@ -13,6 +13,9 @@ extern const char page_page_js_begin[], page_page_js_end[];
 extern const char page_client_js_begin[], page_client_js_end[];
 extern const char page_mesh_js_begin[], page_mesh_js_end[];
 extern const char page_messages_js_begin[], page_messages_js_end[];
+extern const char page_example_js_begin[], page_example_js_end[];
+extern const char page_options_js_begin[], page_options_js_end[];
+extern const char page_rules_js_begin[], page_rules_js_end[];
 extern const char page_viewer_css_begin[], page_viewer_css_end[];
 extern const char page_viewer_js_begin[], page_viewer_js_end[];
 }
@@ -38,6 +41,9 @@ const PageFile* FindPageFile(std::string_view path) {
       {"/client.js", kScript, Between(page_client_js_begin, page_client_js_end)},
       {"/mesh.js", kScript, Between(page_mesh_js_begin, page_mesh_js_end)},
       {"/messages.js", kScript, Between(page_messages_js_begin, page_messages_js_end)},
+      {"/example.js", kScript, Between(page_example_js_begin, page_example_js_end)},
+      {"/options.js", kScript, Between(page_options_js_begin, page_options_js_end)},
+      {"/rules.js", kScript, Between(page_rules_js_begin, page_rules_js_end)},
       {"/viewer.css", kCss, Between(page_viewer_css_begin, page_viewer_css_end)},
       {"/viewer.js", kScript, Between(page_viewer_js_begin, page_viewer_js_end)},
       {"/facts.json", kJson, facts},

@@ -1,9 +1,11 @@
 // The server's page: a mesh, a request, progress, the voxels, and files of them.
 import {readFacts, Server} from './client.js';
+import {exampleMesh} from './example.js';
 import {PageMesh} from './mesh.js';
+import {Options, wordOf} from './options.js';
 
 const $ = (id) => document.getElementById(id);
-const COLOURS = new Set(['base_color', 'emissive', 'color']);
+const options = new Options($('form'));
 const FACTS = await readFacts().catch((error) => {
   say(error);
   throw error;
@@ -13,15 +15,20 @@ const SHOWS_VOXELS = FACTS.formats.some(({name}) => name === 'html');
 const ESTIMATE_LIMIT_BYTES = 4 << 20; // larger meshes that are not stored are sent for the result alone
 
 let mesh = null; // PageMesh
-let shaders = new Map();
 let limits = null;
 let running = null; // AbortController
 let shown = null; // mesh and spec of the result
 let viewer = null;
 
-// Nothing of an error that the person caused by cancelling.
+// Nothing of an error that the person caused by cancelling. Out: the field of the form that the error names, or null.
 function say(error) {
   $('error').textContent = error.name === 'AbortError' ? '' : error.message;
+  return options.mark(error.violations ?? []);
+}
+
+function sayNothing() {
+  $('error').textContent = '';
+  options.mark([]);
 }
 
 const bytesText = (bytes) => {
@@ -32,24 +39,6 @@ const bytesText = (bytes) => {
 };
 const dimsText = ({x, y, z}) => `${x} x ${y} x ${z}`;
 const msOf = ({seconds, nanos}) => seconds * 1e3 + nanos * 1e-6;
-// The last word of an enum's value: "cpu" of BACKEND_CPU.
-const wordOf = (value) => `${value}`.split('_').pop().toLowerCase();
-
-// A VoxelizeSpec of what is chosen.
-function specOf() {
-  const targets = [{format: 'VOXEL_FORMAT_BIT', blend: 'BLEND_OR'}];
-  const name = $('shader').value;
-  if (name && name !== 'occupancy') {
-    const format = $('format').value;
-    const srgb = format === 'VOXEL_FORMAT_U8' && COLOURS.has(name);
-    targets.push({format, blend: $('blend').value, shader: {name}, encoding: srgb ? 'ENCODING_SRGB' : undefined});
-  }
-  const bySize = $('form').elements.by.value === 'size';
-  const size = Number($('size').value);
-  const resolution = Math.max(0, Math.round(Number($('resolution').value)));
-  const grid = bySize ? {voxel_size: {x: size, y: size, z: size}} : {resolution: {voxels: resolution}};
-  return {grid, targets, coverage: $('coverage').value, fill: $('fill').value};
-}
 
 async function connect() {
   mesh?.forget(); // another client may store what the last one could not
@@ -57,23 +46,16 @@ async function connect() {
     const [info, list] = await Promise.all([server.one('GetServerInfo', {}), server.one('ListShaders', {})]);
     limits = info.limits;
     $('server').textContent = `version ${info.version}, ${info.devices.map((d) => d.model || d.name).join(', ')}`;
-    const chosen = $('shader').value || 'normal';
-    shaders = new Map(list.shaders.filter((s) => wordOf(s.stage) === 'fragment').map((s) => [s.name, s]));
-    $('shader').replaceChildren(...[...shaders.keys()].map((name) => new Option(name, name)));
-    if (shaders.has(chosen)) $('shader').value = chosen;
-    describeShader();
-    $('error').textContent = '';
+    options.setShaders(list.shaders);
+    $('example').disabled = false;
+    sayNothing();
   } catch (error) {
     $('server').textContent = 'not connected';
     say(error);
-    if (error.needsToken) $('token').focus();
+    if (!error.needsToken) return;
+    $('token-label').hidden = false;
+    $('token').focus();
   }
-}
-
-function describeShader() {
-  const shader = shaders.get($('shader').value);
-  $('shader-about').textContent =
-    shader ? `${shader.description} (${wordOf(shader.output_type)} x ${shader.output_components})` : '';
 }
 
 async function take(file) {
@@ -87,9 +69,24 @@ async function take(file) {
   const bytes = new Uint8Array(await file.arrayBuffer());
   if (!running) mesh?.discard();
   mesh = new PageMesh(server, file.name, bytes);
-  $('error').textContent = '';
+  sayNothing();
   $('about').textContent = `${file.name}, ${bytesText(file.size)}`;
   estimate();
+}
+
+// A file that was not chosen with the field: as if it were.
+function put(file) {
+  if (!file) return;
+  const files = new DataTransfer();
+  files.items.add(file);
+  $('file').files = files.files;
+  return take(file);
+}
+
+async function tryExample() {
+  if (running) return;
+  await put(exampleMesh());
+  $('form').requestSubmit();
 }
 
 let estimating = null;
@@ -98,17 +95,18 @@ async function estimate() {
   $('plan').textContent = '';
   if (!mesh || running) return;
   const own = (estimating = new AbortController());
-  const [file, spec] = [mesh, specOf()];
+  const [file, spec] = [mesh, options.spec()];
   try {
     const answer = await file.use(async (source) => {
       if (source.bytes && file.size > ESTIMATE_LIMIT_BYTES) return null;
       return server.one('EstimateVoxelization', {mesh: source, spec}, own.signal);
     }, own.signal);
-    $('error').textContent = '';
+    sayNothing();
     if (!answer) return;
     const {plan, report} = answer;
+    const bytes = spec.targets.length > 0 ? `${bytesText(plan.result_bytes)} ` : ''; // else by the format of the file
     $('plan').textContent = `${report.triangles} triangles; ${dimsText(plan.grid.dims)} voxels, ` +
-      `${bytesText(plan.result_bytes)} on ${wordOf(plan.backend)}`;
+      `${bytes}on ${wordOf(plan.backend)}`;
   } catch (error) {
     if (own === estimating) say(error);
   }
@@ -160,6 +158,7 @@ async function showVoxels(blob) {
 // After a run without a result: what is too large for a picture may fit into a file.
 function offerFiles(asked) {
   shown = asked;
+  noteStale();
   viewer?.dispose();
   viewer = null;
   $('voxels').textContent = 'There is no picture of these voxels, but there may be files of them.';
@@ -172,14 +171,15 @@ async function run(event) {
   event.preventDefault();
   if (!mesh || running) return;
   estimating?.abort();
-  const asked = {mesh, spec: specOf()};
+  const asked = {mesh, spec: options.spec()};
   running = new AbortController();
   const {signal} = running;
-  $('run').disabled = true;
   $('cancel').disabled = false;
+  if (document.activeElement === $('run')) $('cancel').focus();
+  $('run').disabled = true;
   $('progress').hidden = false;
   $('progress').removeAttribute('value');
-  $('error').textContent = '';
+  sayNothing();
   $('form').dataset.state = 'running';
   $('stage').textContent = 'sending the mesh';
   let state = 'failed';
@@ -191,27 +191,39 @@ async function run(event) {
     shown = asked;
     showSummary(summary);
     $('result').hidden = false;
+    noteStale();
     await showVoxels(blob);
     $('stage').textContent = 'done';
     state = 'done';
   } catch (error) {
     $('stage').textContent = signal.aborted ? 'cancelled' : '';
-    say(error);
+    say(error)?.focus();
     if (signal.aborted) state = 'cancelled';
     if (error.exhausted) offerFiles(asked);
   }
   running = null;
   $('run').disabled = false;
+  if (document.activeElement === $('cancel')) $('run').focus({preventScroll: true});
   $('cancel').disabled = true;
   $('progress').hidden = true;
   $('form').dataset.state = state;
+  if (state === 'done' && $('result').getBoundingClientRect().top > window.innerHeight / 2) {
+    $('result').scrollIntoView(); // a narrow window has it below the form
+  }
+}
+
+// Whether the result is that of the options.
+function noteStale() {
+  if (!shown) return;
+  const same = shown.mesh === mesh && JSON.stringify(shown.spec) === JSON.stringify(options.spec());
+  $('stale').textContent = same ? '' : 'Picture and downloads are those of the last run, with its mesh and options.';
 }
 
 async function download() {
   const format = $('as').value;
   const {mesh: own, spec} = shown;
   $('download').disabled = true;
-  $('error').textContent = '';
+  sayNothing();
   try {
     const file = await own.use((source) => server.file(format, {mesh: source, spec}));
     const link = document.createElement('a');
@@ -227,22 +239,21 @@ async function download() {
 
 $('form').addEventListener('submit', run);
 $('form').addEventListener('change', (event) => {
-  if (event.target === $('file')) take(event.target.files[0]);
-  else if (event.target === $('token')) connect();
-  else estimate();
+  if (event.target === $('token')) connect();
+  else if (event.target !== $('file')) estimate();
+  else take(event.target.files[0]).then(noteStale);
+  noteStale();
 });
-$('shader').addEventListener('change', describeShader);
-for (const by of ['size', 'resolution']) {
-  $(by).addEventListener('input', () => { $('form').elements.by.value = by; });
-}
+$('example').addEventListener('click', tryExample);
 $('cancel').addEventListener('click', () => running?.abort());
 $('download').addEventListener('click', download);
 for (const type of ['dragover', 'dragleave', 'drop']) {
   document.addEventListener(type, (event) => {
     event.preventDefault();
     $('drop').classList.toggle('over', type === 'dragover');
-    if (type === 'drop') take(event.dataTransfer.files[0]);
+    if (type === 'drop') put(event.dataTransfer.files[0])?.then(noteStale);
   });
 }
+$('options').open = window.matchMedia('(min-width: 50rem)').matches;
 $('as').replaceChildren(...FACTS.formats.map(({name, title}) => new Option(`.${name}: ${title}`, name)));
 await connect();

@@ -1,7 +1,7 @@
 // usage: node drive_page.mjs NODE_MODULES BROWSER URL MESH FOLDER [TOKEN]
 //
-// Uses the server's page as a person would: chooses a mesh, voxelizes it, turns to the result, downloads it in every
-// format into FOLDER, cancels a large job. Saves pictures there, and prints what was seen as one JSON object.
+// Uses the server's page as a person would: chooses a mesh and two targets, voxelizes, turns to the result, downloads it
+// in every format into FOLDER, cancels a large job. Saves pictures there, and prints what was seen as one JSON object.
 import fs from 'node:fs';
 import {createRequire} from 'node:module';
 import path from 'node:path';
@@ -26,10 +26,16 @@ try {
     if (request.method() === 'POST') calls.push(new URL(request.url()).pathname.split('/').pop());
   });
   const text = (id) => page.$eval(`#${id}`, (element) => element.textContent);
-  const set = (id, value) => page.$eval(`#${id}`, (element, v) => {
+  const setAt = (selector, value) => page.$eval(selector, (element, v) => {
     element.value = v;
     element.dispatchEvent(new Event('change', {bubbles: true}));
   }, value);
+  const set = (id, value) => setAt(`#${id}`, value);
+  const setTarget = async (n, parts) => {
+    for (const [part, value] of Object.entries(parts)) {
+      await setAt(`.target:nth-child(${n + 1}) [name="${part}"]`, value);
+    }
+  };
   const state = async (...wanted) => {
     await page.waitForFunction((states) => states.includes(document.getElementById('form').dataset.state),
       {timeout: 120_000}, wanted);
@@ -52,16 +58,16 @@ try {
   await page.waitForFunction(() => document.getElementById('server').textContent.startsWith('version'),
     {timeout: 30_000});
   await page.focus('body');
-  for (let i = 0; i < 12 && !token; ++i) { // with a token the focus is in its field
+  for (let i = 0; i < 16 && !token; ++i) { // with a token the focus is in its field
     await page.keyboard.press('Tab');
     seen.focus.push(await page.evaluate(() => document.activeElement.id || document.activeElement.name));
   }
   await (await page.$('#file')).uploadFile(mesh);
   await set('resolution', '48');
   await set('fill', 'FILL_PARITY');
-  await set('shader', 'normal');
-  await set('format', 'VOXEL_FORMAT_F32');
-  await set('blend', 'BLEND_AVERAGE');
+  for (let n = 0; n < 2; ++n) await page.$eval('#add', (button) => button.click());
+  await setTarget(0, {shader: 'occupancy', format: 'VOXEL_FORMAT_BIT', blend: 'BLEND_OR'});
+  await setTarget(1, {shader: 'normal', format: 'VOXEL_FORMAT_F32', blend: 'BLEND_AVERAGE'});
   await page.waitForFunction(() => document.getElementById('plan').textContent !== '', {timeout: 30_000});
   seen.plan = await text('plan');
   await page.click('#run');
@@ -99,7 +105,7 @@ try {
 
   await set('resolution', '1500');
   await set('fill', 'FILL_NONE');
-  await set('format', 'VOXEL_FORMAT_U8');
+  await setTarget(1, {format: 'VOXEL_FORMAT_U8'});
   // Neither a fast machine nor a fast network ends the run before the click.
   await page.emulateNetworkConditions({download: 1024, upload: 1 << 20, latency: 0});
   await page.click('#run');
