@@ -163,7 +163,7 @@ absl::Status OfMesh(absl::Status status) {
 }
 
 grpc::Status ToGrpcStatus(const absl::Status& status) {
-  if (status.ok()) return grpc::Status::OK;
+  if (status.ok()) return grpc::Status();  // not grpc::Status::OK, for which the Python module would load gRPC
   if (IsInUseByOthers(status) && !RetryDelay(status)) {
     return ToGrpcStatus(BusyError({status.message().data(), status.message().size()}, kInUseDelay));
   }
