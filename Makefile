@@ -75,6 +75,13 @@ demo: configure ## Send a real mesh to a server, get voxels and a picture back (
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe voxelpiped
 	@bash tests/ci/commit_line.sh "make demo" bash tests/support/demo.sh $(BUILD_DIR)
 
+.PHONY: wheels
+wheels: setup configure ## Make the Python wheels, for every Linux with a glibc at least as new, in build/wheels
+	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelpipe voxelpiped voxelpipe_core_module
+	@bash client/python/make_wheels.sh $(BUILD_DIR)/wheels $(BUILD_DIR)/client/python/core/package \
+	  $(BUILD_DIR)/bin/voxelpiped $(BUILD_DIR)/bin/voxelpipe
+	@ls -sh $(BUILD_DIR)/wheels
+
 bench: configure ## Measure the pipeline; BENCH_ARGS="--mesh=NAME=FILE --threads=N --benchmark_filter=REGEX"
 	@bash tests/support/apt_install.sh docker/packages-bench.txt || echo "bench: going on without OpenVDB to compare with"
 	@$(CONFIGURE) -DVOXELPIPE_BENCH=ON >$(BUILD_DIR)/configure.log

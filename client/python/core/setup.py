@@ -1,4 +1,8 @@
 """Packs the module that CMake has built (target voxelpipe_core_module) into a wheel of this machine's kind."""
+import os
+import pathlib
+import platform
+
 import setuptools
 
 
@@ -9,4 +13,8 @@ class _Binary(setuptools.Distribution):
         return True
 
 
-setuptools.setup(distclass=_Binary)
+options = {}
+if pathlib.Path("voxelpipe_core", "libs").is_dir():  # bundle.py was here: any Linux with this glibc or a later one will do
+    glibc = os.confstr("CS_GNU_LIBC_VERSION").split()[1].replace(".", "_")
+    options["bdist_wheel"] = {"plat_name": f"manylinux_{glibc}_{platform.machine()}"}
+setuptools.setup(distclass=_Binary, options=options)

