@@ -15,6 +15,7 @@ import pytest
 
 import voxelpipe
 from voxelpipe import Client, LocalServer
+from voxelpipe.local_server import find_program
 
 HERE = pathlib.Path(__file__).parent
 
@@ -144,6 +145,18 @@ print(server.server)
     path = pathlib.Path(urllib.parse.unquote(ran.stdout.split("\n")[1].removeprefix("unix:")))
     assert len(os.fsencode(path)) <= 107
     assert not path.parent.exists() and not list(folder.iterdir()), "nothing is left"
+
+
+def test_the_program_of_the_wheel_is_found(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "voxelpipe_core" / "bin" / "voxelpiped"
+    program.parent.mkdir(parents=True)
+    (tmp_path / "voxelpipe_core" / "__init__.py").write_text("raise ImportError('need not be loaded')")
+    program.touch(0o755)
+    monkeypatch.delitem(sys.modules, "voxelpipe_core", raising=False)
+    monkeypatch.delenv("VOXELPIPE_VOXELPIPED", raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert find_program() == str(program)
 
 
 def test_a_local_server_that_does_not_start_says_why(server: LocalServer) -> None:

@@ -12,6 +12,7 @@ import urllib.parse
 import weakref
 from typing import Any, Sequence
 
+from ._calls.core_files import core_files
 from .client import Client
 from .errors import Unavailable
 
@@ -43,7 +44,8 @@ def _make_folder() -> str:
 
 
 def find_program() -> str:
-    """The path of voxelpiped: the variable VOXELPIPE_VOXELPIPED, PATH, or build/bin of the source tree of this package.
+    """The path of voxelpiped: the variable VOXELPIPE_VOXELPIPED, PATH, the package voxelpipe-core, or build/bin of the
+    source tree of this package.
 
     Errors: FileNotFoundError saying where it was looked for.
     """
@@ -56,11 +58,12 @@ def find_program() -> str:
     if found:
         return found
     built = pathlib.Path(__file__).resolve().parents[3] / "build" / "bin" / "voxelpiped"
-    if os.access(built, os.X_OK):
-        return str(built)
+    for path in [*core_files("bin/voxelpiped"), built]:
+        if os.access(path, os.X_OK):
+            return str(path)
     raise FileNotFoundError(
-        f"voxelpiped was not found: neither {PROGRAM_VARIABLE} nor PATH has it. Install it, or give the address of a "
-        "running server: server='HOST:PORT', or the variable VOXELPIPE_SERVER"
+        f"voxelpiped was not found: neither {PROGRAM_VARIABLE} nor PATH has it. Install voxelpipe-core, or give the "
+        "address of a running server: server='HOST:PORT', or the variable VOXELPIPE_SERVER"
     )
 
 

@@ -1,5 +1,5 @@
-"""CRC-32C (Castagnoli) of a buffer: by the library ISA-L if this machine has it (Debian: libisal2), by the package
-crc32c or google-crc32c if one is installed, else by numpy.
+"""CRC-32C (Castagnoli) of a buffer: by the library ISA-L if this machine (Debian: libisal2) or the wheel voxelpipe-core
+has it, by the package crc32c or google-crc32c if one is installed, else by numpy.
 
 Sources of the numpy form: M. Adler, crc32_combine of zlib (the CRC of joined blocks by a linear map a block);
 M. Kounavis, F. Berry 2008, "Novel Table Lookup-Based Algorithms for High-Performance CRC Generation" (slicing).
@@ -13,6 +13,8 @@ from typing import Any, Callable
 
 import numpy
 import numpy.typing
+
+from .core_files import core_files
 
 _POLYNOMIAL = 0x82F63B78  # reflected
 _LANES = 8192  # blocks of a buffer that run side by side
@@ -95,10 +97,14 @@ def crc32c_numpy(data: Any) -> int:
 
 def _of_isal() -> Callable[[Any], int] | None:
     """crc32_iscsi of Intel's ISA-L (crc.h): at memory speed, without the interpreter's lock."""
-    try:
-        function = ctypes.CDLL("libisal.so.2").crc32_iscsi
-        quick = ctypes.PyDLL("libisal.so.2").crc32_iscsi  # keeps the lock: to get it back costs more than few bytes
-    except (OSError, AttributeError):
+    for library in ["libisal.so.2", *map(str, core_files("libs/libisal-*.so.2"))]:
+        try:
+            function = ctypes.CDLL(library).crc32_iscsi
+            quick = ctypes.PyDLL(library).crc32_iscsi  # keeps the lock: to get it back costs more than few bytes
+            break
+        except (OSError, AttributeError):
+            pass
+    else:
         return None
     for each in (function, quick):
         each.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_uint]
