@@ -14,7 +14,7 @@ class _Binary(setuptools.Distribution):
 
 
 options = {}
-if pathlib.Path("voxelpipe_core", "libs").is_dir():  # bundle.py was here: any Linux with this glibc or a later one will do
+if pathlib.Path("voxelpipe_core", "libs").is_dir():  # bundle.py was here: any Linux of this glibc or a later one
     glibc = os.confstr("CS_GNU_LIBC_VERSION").split()[1].replace(".", "_")
     options["bdist_wheel"] = {"plat_name": f"manylinux_{glibc}_{platform.machine()}"}
 setuptools.setup(distclass=_Binary, options=options)
