@@ -1,6 +1,8 @@
 """voxelize() in this process, by voxelpipe_core: bytes, errors, progress as of a server; Ctrl-C, threads, forks."""
 from __future__ import annotations
 
+import ast
+import asyncio
 import ctypes
 import importlib.util
 import json
@@ -12,6 +14,7 @@ import sys
 import textwrap
 import threading
 import time
+from typing import Any
 
 import numpy
 import pytest
@@ -32,6 +35,7 @@ REQUESTS = [
     {"resolution": 30, "result": "sparse", "targets": ["bit", "f32x3:average:shader=normal"], "layout": "planar"},
     {"resolution": 20, "result": "buckets", "coverage": "thin", "targets": "u32:replace:shader=triangle_id"},
     {"dims": (5, 4, 3), "origin": (9, 9, 9), "voxel_size": 0.1},
+    {"resolution": 20, "axes": "-y,z,x", "clip": (-0.5, -2, 0.1, 0.5, 2, 0.8), "padding": 1, "normal": "normal:f32"},
 ]
 
 
@@ -54,11 +58,41 @@ def test_the_bytes_are_those_of_a_server(
     assert set(inside.summary.stages) == set(served.summary.stages)
 
 
-def test_the_bytes_are_those_of_the_command_line(cli: str, ball: shapes.Triangles, tmp_path: pathlib.Path) -> None:
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"resolution": "50"},
+        {"resolution": "40", "axes": "x,z,-y", "clip": "-0.5,-0.6,0.1,0.7,2,0.8", "padding": "2"},
+        {"voxel_size": "0.03", "axes": "-y,x,z", "clip": "0,0,0,1,1,1.5", "fill": "parity"},
+        {"dims": "30,20,10", "clip": "-2,-0.5,-0.3,0.2,0.5,0.6"},
+        {"resolution": "30", "axes": "z,y,x", "vertex_shader": "transform:matrix=1/0/0/2/0/3/0/0/0/0/1/0/0/0/0/1"},
+    ],
+)
+def test_the_bytes_are_those_of_the_command_line(
+    cli: str, ball: shapes.Triangles, tmp_path: pathlib.Path, server: LocalServer, options: dict[str, str]
+) -> None:
     file = tmp_path / "ball.glb"
     file.write_bytes(bytes(voxelpipe.load_mesh(ball).data))
-    told = json.loads(subprocess.check_output([cli, "voxelize", file, "--resolution", "50", "--json"]))
-    assert voxelpipe.voxelize(file, resolution=50).sha256 == told["hash"]
+    flags = [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
+    told = json.loads(subprocess.check_output([cli, "voxelize", file, "--json", *flags]))
+    given: dict[str, Any] = {
+        name: value if name in ("axes", "clip", "fill", "vertex_shader") else ast.literal_eval(value)
+        for name, value in options.items()
+    }
+    for client in (voxelpipe.InProcessClient(), server.client()):
+        with client:
+            grid = client.voxelize(file, **given)
+            place = [*grid.dims], [*grid.origin_corner], [*grid.voxel_size]
+            assert grid.sha256 == told["hash"] and place == (told["dims"], told["origin"], told["voxel_size"])
+            assert grid.summary.occupied > 0
+            assert client.estimate(file, **given).place == grid.place
+            assert [*client.voxelize_many([file], **given)] == [grid]
+
+    async def asked(address: str) -> voxelpipe.VoxelGrid:
+        async with voxelpipe.AsyncClient(address) as client:
+            return await client.voxelize(file, **given)
+
+    assert [asyncio.run(asked(address)).sha256 for address in ("", server.server)] == [told["hash"]] * 2
 
 
 def test_arrays_are_writable_and_own_their_memory(ball: shapes.Triangles) -> None:

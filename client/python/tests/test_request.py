@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from typing import Any, Callable
 
+import numpy
 import pytest
 
 import voxelpipe
@@ -71,6 +72,14 @@ def test_wrong_targets_are_named(text: str) -> None:
         ({"backend": "gpu"}, "backend"),
         ({"like": GridPlace((1, 1, 1), (0, 0, 0), (1, 1, 1)), "padding": 1}, "like"),
         ({"like": GridPlace((1, 1, 1), (0, 0, 0), (1, 1, 1)), "fit": "cube"}, "like"),
+        ({"like": GridPlace((1, 1, 1), (0, 0, 0), (1, 1, 1)), "clip": "0,0,0,1,1,1"}, "like"),
+        ({"clip": 7}, "clip"),
+        ({"clip": [[0, 1], [0, 1], [0, 1]]}, "clip"),
+        ({"clip": [[0, 0, 0], [1, 1]]}, "clip"),
+        ({"clip": (0, 0, 0, 1, 1, None)}, "clip"),
+        ({"axes": 7}, "axes"),
+        ({"axes": (1, 2, 3)}, "axes"),
+        ({"axes": ("x", "y")}, "axes"),
         ({"voxel_size": 1, "fit": "cube"}, "fit"),
         ({"dims": (1, 2, 3), "fit": "cube"}, "fit"),
         ({"targets": ["bit"] * 9}, "targets"),
@@ -110,7 +119,7 @@ def test_wrong_options_are_named(options: dict[str, Any], field: str) -> None:
         ("shaders", "normal", "did you mean shader="),
         ("dim", "bit", "did you mean dims="),
         ("target", "u8:max", "use targets="),
-        ("axes", "x,-z,y", "vertex_shader="),
+        ("clips", "0,0,0,1,1,1", "did you mean clip="),
         ("preview", "out.png", "save("),
         ("threads", 2, "only the command line"),
         ("timeout", "bit", "no such option"),
@@ -214,6 +223,33 @@ def test_what_no_form_holds_is_refused_as_the_core_does(options: dict[str, Any],
     with pytest.raises(InvalidRequest) as caught:
         make_request(**options)
     assert caught.value.message == text  # CheckGridRequest of core/grid/grid_spec.cpp
+
+
+def test_axes_and_clip_as_texts_and_as_values() -> None:
+    place = GridPlace((2, 4, 6), (0.5, 1.0, 1.5), (0.5, 0.5, 0.5))
+    asked = make_request(axes="x,z,-y", clip="0.5,1,1.5,1.5,3,4.5", resolution=6)
+    grid = asked.spec.grid.placement
+    assert (grid.dims.x, grid.dims.y, grid.dims.z) == place.dims and asked.spec.grid.padding == 0
+    for clip in (place.bounds, place.bounds.ravel().tolist(), tuple(map(tuple, place.bounds))):
+        assert make_request(axes=("x", "z", "-y"), clip=clip, resolution=6).message == asked.message
+    assert asked.small_result(8 * place.voxels)
+
+
+def test_axes_turn_a_matrix_of_any_form_once_more() -> None:
+    moved = numpy.eye(4)
+    moved[:3, 3] = 10, 20, 30
+    for matrix in (moved, moved.ravel().tolist(), moved.tolist()):
+        spec = make_request(axes="x,z,-y", vertex_shader=Shader("transform", {"matrix": matrix})).spec
+        values = {one.name: list(one.numbers.values) for one in spec.vertex_shader.parameters}
+        assert values["matrix"] == [1, 0, 0, 10, 0, 0, 1, 30, 0, -1, 0, -20, 0, 0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    "shader", ["transform:matrix=1/2", "transform:matrix=a", "transform:mtrix=1", "identity:dt=1", "identity:center=1"]
+)
+def test_axes_leave_wrong_parameters_to_the_core(shader: str) -> None:
+    given = make_request(vertex_shader=shader).spec.vertex_shader
+    assert make_request(axes="x,z,-y", vertex_shader=shader).spec.vertex_shader == given
 
 
 def test_targets_and_shaders_as_messages() -> None:

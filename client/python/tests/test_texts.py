@@ -1,4 +1,4 @@
-"""Shaders and targets as text: the table that the core reads too."""
+"""Shaders, targets and options as text: the table that the core reads too."""
 from __future__ import annotations
 
 import json
@@ -11,6 +11,7 @@ import pytest
 
 from voxelpipe import InvalidRequest, Shader, Target
 from voxelpipe._proto.voxelpipe.v1 import request_pb2
+from voxelpipe.options import make_request
 
 TABLE = pathlib.Path(__file__).resolve().parents[3] / "tests" / "unit" / "request_text" / "request_cases.json"
 CASES: list[dict[str, Any]] = json.loads(TABLE.read_text(encoding="utf-8"))
@@ -46,16 +47,34 @@ def target_json(target: Target, default: Shader, expected: dict[str, Any]) -> di
     return found
 
 
+def request_json(given: dict[str, Any]) -> dict[str, Any]:
+    """What options make of a request: its grid if it is placed, else its vertex shader, as the table has them."""
+    options: dict[str, Any] = dict(given)
+    for name in {"dims", "origin", "voxel_size"} & set(given):
+        numbers = [float(number) for number in given[name].split(",")]
+        options[name] = numbers if len(numbers) > 1 else numbers[0]
+    spec = make_request(**options).spec
+    if spec.grid.HasField("placement"):
+        grid: Any = spec.grid.placement
+        names = ("dims", "origin", "voxel_size")
+        return {"grid": {name: [getattr(getattr(grid, name), axis) for axis in "xyz"] for name in names}}
+    call = spec.vertex_shader
+    values = {one.name: one.numbers.values for one in call.parameters}
+    return {"vertex_shader": shader_json(Shader(call.name or "identity", values))}
+
+
 def test_the_table_is_there() -> None:
     assert len(CASES) >= 150
 
 
-@pytest.mark.parametrize("case", CASES, ids=[case.get("target", case.get("shader")) for case in CASES])
+@pytest.mark.parametrize("case", CASES, ids=[json.dumps([*case.values()][0]) for case in CASES])
 def test_a_text_means_what_the_table_says(case: dict[str, Any]) -> None:
     default = Shader.parse(case.get("default_shader", "occupancy"))
     text = case.get("target", case.get("shader"))
 
     def parsed() -> dict[str, Any]:
+        if "options" in case:
+            return request_json(case["options"])
         if "shader" in case:
             return shader_json(Shader.parse(text))
         return target_json(Target.parse(text, "", default), default, case.get("is", {}))
@@ -64,7 +83,8 @@ def test_a_text_means_what_the_table_says(case: dict[str, Any]) -> None:
         with pytest.raises(InvalidRequest) as caught:
             parsed()
         place = "shader" if "shader" in case else "targets"
-        assert caught.value.message == f"{place}: {case['error']}" and caught.value.field == place
+        message = case["error"] if "options" in case else f"{place}: {case['error']}"
+        assert caught.value.message == message and caught.value.field == message.partition(":")[0]
     else:
         assert parsed() == case["is"]
 

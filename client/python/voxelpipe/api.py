@@ -78,7 +78,9 @@ def voxelize(mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
     The grid, one of five: resolution, voxels along the longest extent (default 128); voxel_size, world units, one
         number or x, y, z; dims (x, y, z), cubic voxels in which the mesh is centred; voxel_size, dims and origin (the
         corner of voxel (0, 0, 0)); like, another result's grid. fit: "cube": resolution voxels along every
-        axis. padding: voxels added on every side.
+        axis. padding: voxels added on every side. clip: a box that the grid covers in place of the mesh's, by its
+        resolution, voxel_size or dims: "x0,y0,z0,x1,y1,z1", six numbers or two corners, as another result's bounds.
+    axes: the mesh's axes that become the grid's, after the vertex shader: "x,z,-y" turns a mesh with z up.
 
     coverage: which voxels a triangle covers: "conservative" all that it touches, "thin" a 6-separating shell, "center"
         those whose centre it passes, "none" none (with a fill by crossings: the voxels whose centre is inside).
@@ -87,7 +89,7 @@ def voxelize(mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
     targets: up to 8: Target objects or texts, "[SHADER][:FORMAT[xC]][:BLEND][:key=value,...]" as the command line
         takes them (Target.parse); default: bits of occupancy. Or by keyword, which names them in the result:
         color="base_color:srgb8"; then the bits of occupancy come first, as "mask". A keyword that is an option of the
-        command line (axes, preview, target, ...) or close to an option of this call (shaders) is refused;
+        command line (preview, target, ...) or close to an option of this call (shaders) is refused;
         targets=[Target(name=...)] takes any name.
     shader: of the targets that name none.
     vertex_shader: such as "transform:matrix=..." or Shader("skin", {"time": 0.5}).

@@ -9,8 +9,6 @@ from .errors import UnknownOption
 # Options of the command line that are none here, and what takes their place.
 _COMMAND_LINE = {
     "allow_outside": "use load_mesh(path, allow_outside=True)",
-    "axes": "use vertex_shader=Shader('transform', {'matrix': ...}) with a 4x4 matrix",
-    "clip": "use voxel_size=, dims= and origin=",
     "compress": "use compression=",
     "deadline_ms": "use timeout=, in seconds",
     "format": "a target's format is part of its text ('normal:f32'); that of a file follows from save('a.npz')",

@@ -6,11 +6,15 @@ import functools
 import math
 from typing import TYPE_CHECKING, Any, Mapping, Sequence, Union, get_args
 
+import numpy.typing
+
 from . import names
 from ._calls.address import ServerLike
 from ._calls.progress import Progress
 from ._proto.voxelpipe.v1 import request_pb2
 from ._proto.voxelpipe.v1 import types_pb2 as types
+from .axes import turned
+from .clip import clipped
 from .errors import InvalidRequest, UnknownOption
 from .keywords import check_target_names
 from .place import GridPlace
@@ -123,9 +127,11 @@ def _grid(
     like: "VoxelGrid | GridPlace | None",
     fit: names.Fit,
     padding: int,
+    clip: "numpy.typing.ArrayLike | None",
 ) -> request_pb2.GridRequest:
     if like is not None:
-        if any(value is not None for value in (resolution, voxel_size, dims, origin)) or padding or fit == "cube":
+        given = (resolution, voxel_size, dims, origin, clip)
+        if any(value is not None for value in given) or padding or fit == "cube":
             raise InvalidRequest("like: gives the whole grid; leave out the other options of the grid", field="like")
         place = getattr(like, "place", like)
         if not isinstance(place, GridPlace):
@@ -171,7 +177,7 @@ def _grid(
     if origin is not None:
         x, y, z = per_axis(origin, "origin")
         grid.placement.origin.CopyFrom(types.Vec3(x=x, y=y, z=z))
-    return grid
+    return grid if clip is None else clipped(grid, clip)
 
 
 def _shader(shader: ShaderLike | None, field: str) -> Shader | None:
@@ -259,6 +265,8 @@ def call_options(
     like: "VoxelGrid | GridPlace | None" = None,
     fit: names.Fit = "tight",
     padding: int = 0,
+    clip: "numpy.typing.ArrayLike | None" = None,
+    axes: str | Sequence[str] | None = None,
     coverage: names.Coverage = "conservative",
     fill: names.Fill = "none",
     targets: Sequence[TargetLike] | TargetLike | None = None,
@@ -294,8 +302,10 @@ def call_options(
     default_shader = _shader(shader, "shader")
     listed = _targets(targets, named, default_shader, result)
     vertex = _shader(vertex_shader, "vertex_shader")
+    if axes is not None:
+        vertex = turned(axes, vertex)
     spec = request_pb2.VoxelizeSpec(
-        grid=_grid(resolution, voxel_size, dims, origin, like, fit, padding),
+        grid=_grid(resolution, voxel_size, dims, origin, like, fit, padding, clip),
         coverage=_choice(request_pb2.Coverage, "COVERAGE", coverage, names.Coverage, "coverage"),
         fill=_choice(request_pb2.Fill, "FILL", fill, names.Fill, "fill"),
         vertex_shader=None if vertex is None else vertex.to_message(),

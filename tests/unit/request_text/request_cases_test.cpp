@@ -1,11 +1,13 @@
-// Texts of shaders and targets, right and wrong, with what they mean: the same table as client/python reads.
+// Texts of shaders, targets and options, right and wrong, with what they mean: the same table as client/python reads.
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 
+#include "request_text/request_options.h"
 #include "request_text/shader_text.h"
 #include "request_text/target_text.h"
 #include "shaders/catalog.h"
@@ -52,7 +54,36 @@ json TargetJson(const TargetSpec& target, const json& expected) {
   return object;
 }
 
+json Vec3Json(const Vec3d& v) {
+  return {v.x, v.y, v.z};
+}
+
+// What the options axes and clip make of a request: its vertex shader, and the grid if it is given.
+absl::StatusOr<json> RequestJson(const json& given) {
+  RequestOptions options;
+  const auto take = [&]<typename T>(const char* name, std::optional<T>& value) {
+    if (given.contains(name)) value = given[name].get<T>();
+  };
+  take("resolution", options.resolution);
+  take("voxel_size", options.voxel_size);
+  take("dims", options.dims);
+  take("origin", options.origin);
+  take("fit", options.fit);
+  take("axes", options.axes);
+  take("clip", options.clip);
+  take("vertex_shader", options.vertex_shader);
+  options.padding = given.value("padding", 0);
+  const absl::StatusOr<VoxelizeRequest> request = BuildRequest(options, OptionNames::kKeys);
+  if (!request.ok()) return request.status();
+  if (!request->grid.given()) return json{{"vertex_shader", ShaderJson(request->vertex_shader)}};
+  return json{{"grid",
+               {{"dims", *request->grid.dims},
+                {"origin", Vec3Json(*request->grid.origin)},
+                {"voxel_size", Vec3Json(*request->grid.voxel_size)}}}};
+}
+
 absl::StatusOr<json> Parsed(const json& one) {
+  if (one.contains("options")) return RequestJson(one["options"]);
   if (one.contains("shader")) {
     const absl::StatusOr<ShaderCall> shader = ParseShaderCall(one["shader"].get<std::string>());
     if (!shader.ok()) return shader.status();
