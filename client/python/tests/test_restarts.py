@@ -137,7 +137,7 @@ def test_without_retries_or_a_timeout_a_call_does_not_wait(restarting: Restartin
 
 
 def test_one_call_waits_in_vain_and_the_next_do_not(restarting: Restarting) -> None:
-    with voxelpipe.Client(restarting.address, timeout=1) as client:
+    with voxelpipe.Client(restarting.address, timeout=2) as client:
         client.voxelize(shapes.cube(), **OPTIONS)
         restarting.stop()
         told: list[str] = []
