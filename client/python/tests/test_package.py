@@ -1,6 +1,7 @@
 """The package as users get it: types, the wheel, the README's first lines."""
 from __future__ import annotations
 
+import inspect
 import os
 import pathlib
 import re
@@ -38,6 +39,19 @@ def test_lines_have_at_most_120_columns() -> None:
         lines = path.read_text(encoding="utf-8").splitlines()
         assert len(lines) < 500, path
         assert [number for number, line in enumerate(lines, 1) if len(line) > 120] == [], path
+
+
+def test_both_clients_have_the_same_calls() -> None:
+    def parameters(client: type, name: str) -> list[inspect.Parameter]:
+        listed = inspect.signature(getattr(client, name)).parameters.values()
+        return [one for one in listed if (name, one.name) != ("voxelize_many", "meshes")]  # also an async iterable
+
+    def calls(client: type) -> set[str]:
+        return {name for name, value in vars(client).items() if name[0] != "_" and callable(value)}
+
+    assert calls(voxelpipe.AsyncClient) - {"aclose"} == calls(voxelpipe.Client) - {"close", "run", "max_message_bytes"}
+    for name in (*calls(voxelpipe.AsyncClient) - {"aclose"}, "__init__"):
+        assert parameters(voxelpipe.Client, name) == parameters(voxelpipe.AsyncClient, name), name
 
 
 def test_the_wheel_runs_the_readme(server: voxelpipe.LocalServer, tmp_path: pathlib.Path) -> None:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import math
+import os
 import queue
 import threading
 import time
@@ -12,7 +13,7 @@ from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..errors import Cancelled, DataLoss, DeadlineExceeded, InvalidMesh, MeshNotFound, VoxelpipeError
 from ..grid import VoxelGrid
 from ..mesh_handle import MeshHandle
-from ..request import Request
+from ..request import Request, checked_in_flight
 from .connection import Connection
 from .grpc_module import grpc
 from .reader import ResultReader
@@ -300,6 +301,15 @@ class Many:
         except VoxelpipeError as error:
             self._done[number] = error
         return self._done[number]
+
+
+def check_many(meshes: Any, in_flight: int, errors: str) -> int:
+    """The arguments of voxelize_many(). Out: in_flight. Errors: TypeError, ValueError, InvalidRequest."""
+    if isinstance(meshes, (str, bytes, os.PathLike)):
+        raise TypeError(f"meshes: {meshes!r} is one mesh; give a list, or call voxelize()")
+    if errors not in ("raise", "return"):
+        raise ValueError(f"errors: '{errors}' is neither raise nor return")
+    return checked_in_flight(in_flight)
 
 
 def unreadable(error: OSError) -> InvalidMesh:

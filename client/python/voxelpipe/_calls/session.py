@@ -15,9 +15,9 @@ from .._proto.voxelpipe.v1 import mesh_pb2, request_pb2
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..errors import DataLoss, InvalidMesh, InvalidRequest, TooLarge, VoxelpipeError
 from ..report import StoredMesh
-from ..request import Request
+from ..request import Request, checked_timeout
 from . import wire as _wire
-from .address import check_address
+from .address import ServerLike, address_of, check_address
 from .progress import Reporter
 
 SERVICE = "/voxelpipe.v1.VoxelizationService/"
@@ -50,6 +50,31 @@ class Options:
     retries: int = 2
     max_result_bytes: int = 64 << 30
     plaintext_token: bool = False
+
+    @staticmethod
+    def of(
+        server: ServerLike,
+        token: str,
+        token_file: "str | os.PathLike[str]",
+        tls: Tls | bool,
+        timeout: float | None,
+        retries: int,
+        max_result_bytes: int,
+        plaintext_token: bool,
+    ) -> "Options":
+        """From the arguments of a client. Errors: InvalidRequest."""
+        if not (token or token_file):
+            token = os.environ.get("VOXELPIPE_TOKEN", "")
+        return Options(
+            server=address_of(server) or os.environ.get("VOXELPIPE_SERVER", ""),
+            token=token,
+            token_file=os.fspath(token_file),
+            tls=Tls() if tls is True else tls or None,
+            timeout=checked_timeout(timeout),
+            retries=retries,
+            max_result_bytes=max_result_bytes,
+            plaintext_token=plaintext_token,
+        )
 
     def check(self) -> None:
         """Errors: InvalidRequest naming the option."""
@@ -250,16 +275,13 @@ def uploaded(answer: bytes | None, name: str) -> mesh_pb2.Mesh:
     return mesh
 
 
-def listed_meshes(
-    answer: bytes | None, request: mesh_pb2.ListMeshesRequest
-) -> tuple[list[StoredMesh], mesh_pb2.ListMeshesRequest | None]:
-    """A page of meshes, and the request of the next one, if any. Errors: DataLoss."""
+def listed_meshes(answer: bytes | None, token: str) -> tuple[list[StoredMesh], str | None]:
+    """A page of meshes, and the token of the next one; None: it is the last. In: its own. Errors: DataLoss."""
     page = _wire.parsed(mesh_pb2.ListMeshesResponse, answer)
-    token = page.next_page_token
-    if token and (token == request.page_token or not page.meshes):
+    following: str = page.next_page_token
+    if following and (following == token or not page.meshes):
         raise DataLoss("the server's answer: a list of meshes without an end")
-    meshes = [StoredMesh.of(mesh) for mesh in page.meshes]
-    return meshes, mesh_pb2.ListMeshesRequest(page_token=token) if token else None
+    return [StoredMesh.of(mesh) for mesh in page.meshes], following or None
 
 
 def freed_bytes(answer: bytes | None) -> int:

@@ -1,0 +1,152 @@
+"""The calls of a server, once for both clients: requests, replies and retries. How to wait is the Transport's."""
+from __future__ import annotations
+
+import contextlib
+from typing import Any, Awaitable, Callable, Coroutine, Iterator, Protocol, TypeVar
+
+from .._mesh.forms import MeshFile, MeshLike, load_mesh
+from .._proto.voxelpipe.v1 import mesh_pb2, server_info_pb2
+from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from ..errors import MeshNotFound, VoxelpipeError
+from ..grid import VoxelGrid
+from ..mesh_handle import MeshHandle, estimate_job, job_of, name_of
+from ..options import make_request
+from ..report import Estimate, ServerInfo, ShaderInfo, StoredMesh
+from ..request import Call, checked_timeout
+from .progress import WAITING, Progress, Reporter
+from .retry import Deadline, Retries, ServerState
+from .session import Job, Options, freed_bytes, listed_meshes, naming, upload_messages, uploaded
+from .wire import parsed
+
+_QUICK_S = 10.0
+_Result = TypeVar("_Result")
+
+
+class Transport(Protocol):
+    """Makes the attempts of calls, and waits for them: a blocking one, whose coroutines never suspend, or asyncio's."""
+
+    async def unary(self, name: str, request: bytes, timeout: float | None) -> bytes | None:
+        """A unary call. Out: None: it ended well, and without any response."""
+
+    async def result(self, job: Job, timeout: float | None, reporter: Reporter) -> VoxelGrid:
+        """Voxelize, or VoxelizeUpload of a large mesh."""
+
+    async def upload(self, name: str, requests: Iterator[bytes], timeout: float | None) -> bytes | None:
+        """A call with a stream of requests and one response. Out: as of unary."""
+
+    async def wait(self, seconds: float, connected: bool) -> None:
+        """Waits at most so long: without a connection until there is one."""
+
+    async def work(self, run: Callable[[], _Result]) -> _Result:
+        """What a function returns that takes a while."""
+
+
+def finished(call: Coroutine[Any, Any, _Result]) -> _Result:
+    """What a coroutine returns whose transport is a blocking one."""
+    try:
+        call.send(None)
+    except StopIteration as done:
+        result: _Result = done.value
+        return result
+    raise RuntimeError("a blocking call has suspended")
+
+
+class ServerCalls:
+    """Those of Client and AsyncClient, which describe them."""
+
+    def __init__(self, transport: Transport, options: Options, restarts: bool) -> None:
+        self._transport = transport
+        self._options = options
+        self._state = ServerState(restarts)
+
+    async def voxelize(self, mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
+        job, file = await self._transport.work(lambda: job_of(mesh, call))
+        return await self.run(job, file, timeout=call.timeout, progress=call.progress)
+
+    async def run(self, job: Job, file: MeshFile | None, *, timeout: float | None, progress: Progress) -> VoxelGrid:
+        reporter = Reporter(progress)
+        deadline = self._deadline(timeout)
+
+        async def voxelized() -> VoxelGrid:
+            return await self._again(deadline, lambda left: self._transport.result(job, left, reporter), reporter)
+
+        with contextlib.closing(reporter), naming(file or job.file):
+            try:
+                return await voxelized()
+            except MeshNotFound:
+                if file is None:
+                    raise
+            await self._upload(file, deadline, reporter)
+            return await voxelized()
+
+    async def upload(self, mesh: MeshLike, *, keep: bool, timeout: float | None, progress: Progress) -> MeshHandle:
+        file = await self._transport.work(lambda: load_mesh(mesh))
+        reporter = Reporter(progress)
+        with contextlib.closing(reporter), naming(file):
+            kept = await self._upload(file, self._deadline(timeout), reporter)
+        stored = StoredMesh.of(kept)
+        return MeshHandle(stored.name, stored, kept.already_stored, file if keep else None)
+
+    async def stored_mesh(self, mesh: MeshHandle | str) -> StoredMesh:
+        answer = await self._quick("GetMesh", mesh_pb2.GetMeshRequest(name=name_of(mesh)))
+        return StoredMesh.of(parsed(mesh_pb2.Mesh, answer))
+
+    async def page(self, token: str) -> tuple[list[StoredMesh], str | None]:
+        """A page of the kept meshes, and the token of the next one; None: it is the last. In: its own; first empty."""
+        return listed_meshes(await self._quick("ListMeshes", mesh_pb2.ListMeshesRequest(page_token=token)), token)
+
+    async def release_mesh(self, mesh: MeshHandle | str) -> int:
+        return freed_bytes(await self._quick("ReleaseMesh", mesh_pb2.ReleaseMeshRequest(name=name_of(mesh))))
+
+    async def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None, **options: Any) -> Estimate:
+        request = make_request(**options)
+        job = await self._transport.work(lambda: estimate_job(mesh, request))
+        message = job.estimate()
+        with naming(job.file):
+            answer = await self._again(
+                self._deadline(timeout), lambda left: self._transport.unary("EstimateVoxelization", message, left)
+            )
+        return Estimate.of(parsed(service.EstimateVoxelizationResponse, answer))
+
+    async def shaders(self) -> list[ShaderInfo]:
+        answer = await self._quick("ListShaders", server_info_pb2.ListShadersRequest())
+        return [ShaderInfo.of(shader) for shader in parsed(server_info_pb2.ListShadersResponse, answer).shaders]
+
+    async def server_info(self) -> ServerInfo:
+        answer = await self._quick("GetServerInfo", server_info_pb2.GetServerInfoRequest())
+        return ServerInfo.of(parsed(server_info_pb2.GetServerInfoResponse, answer))
+
+    def _deadline(self, timeout: float | None) -> Deadline:
+        return Deadline(self._options.timeout if timeout is None else checked_timeout(timeout))
+
+    async def _quick(self, name: str, request: Any) -> bytes | None:
+        data = request.SerializeToString()
+        return await self._again(Deadline(_QUICK_S), lambda left: self._transport.unary(name, data, left))
+
+    async def _upload(self, file: MeshFile, deadline: Deadline, reporter: Reporter) -> mesh_pb2.Mesh:
+        name = await self._transport.work(file.stored_name)
+
+        def attempt(left: float | None) -> Awaitable[bytes | None]:
+            return self._transport.upload("UploadMesh", upload_messages(file, name, reporter), left)
+
+        kept = uploaded(await self._again(deadline, attempt, reporter), name)
+        reporter("upload", 1.0, 0)
+        return kept
+
+    async def _again(
+        self,
+        deadline: Deadline,
+        attempt: Callable[[float | None], Awaitable[_Result]],
+        reporter: Reporter | None = None,
+    ) -> _Result:
+        retries = Retries(self._options.retries, deadline, self._state)
+        while True:
+            try:
+                result = await attempt(deadline.left())
+                self._state.note(None)
+                return result
+            except VoxelpipeError as error:
+                delay, connected = retries.delay(error), getattr(error, "connected", True)
+            if retries.waiting and reporter is not None:
+                reporter(WAITING, 0.0, 0)
+            await self._transport.wait(delay, connected)
