@@ -24,6 +24,7 @@
 #include "absl/strings/str_cat.h"
 #include "call.h"
 #include "files.h"
+#include "mesh/health/fill_advice.h"
 #include "mesh_source.h"
 #include "runs.h"
 #include "shaders/catalog.h"
@@ -252,6 +253,44 @@ std::shared_ptr<HeldMesh> Load(const py::object& mesh, int format, int unit, con
   return *std::move(held);
 }
 
+// By the names of `voxelpipe info --json`.
+py::dict Health(const HeldMesh& mesh, std::optional<double> timeout) {
+  PythonJob job(timeout, py::none());
+  absl::StatusOr<MeshHealth> checked = absl::UnknownError("the job did not run");
+  job.Run([&] {
+    try {
+      checked = mesh.Health(job.job());
+    } catch (const std::bad_alloc&) {
+      checked = absl::ResourceExhaustedError("out of memory for the health of the mesh");
+    }
+  });
+  if (!checked.ok()) Throw(checked.status());
+  const MeshHealth& health = *checked;
+  const FillAdvice advice = AdviseFill(health);
+  py::dict facts;
+  facts["watertight"] = health.watertight;
+  facts["edges"] = health.edges.edges;
+  facts["open_edges"] = health.edges.open;
+  facts["non_manifold_edges"] = health.edges.non_manifold;
+  facts["inconsistent_edges"] = health.edges.inconsistent;
+  facts["degenerate_triangles"] = health.degenerate_triangles;
+  facts["duplicate_triangles"] = health.duplicate_triangles;
+  facts["duplicate_vertices"] = health.duplicate_vertices;
+  facts["not_finite_vertices"] = health.not_finite_vertices;
+  facts["shells"] = health.shells;
+  facts["closed_shells"] = health.closed_shells;
+  facts["flipped_shells"] = health.flipped_shells;
+  facts["nested_shells"] = health.overlaps.nested;
+  facts["cavities"] = health.overlaps.cavities;
+  facts["overlapping_shells"] = health.overlaps.overlapping;
+  facts["shells_whose_boxes_overlap"] = health.overlaps.boxes_only;
+  facts["undecided_shells"] = health.overlaps.undecided;
+  facts["volume"] = health.volume;
+  facts["fill"] = std::string(Name(advice.fill));
+  facts["why"] = advice.why;
+  return facts;
+}
+
 // All shaders, as a ListShadersResponse in bytes.
 py::bytes Shaders() {
   v1::ListShadersResponse response;
@@ -274,7 +313,8 @@ PYBIND11_MODULE(_core, module) {
       .def_readonly("ordinal", &voxelpipe::DeviceBuffer::ordinal)
       .def("dlpack", &voxelpipe::DlpackOf, py::arg("code"), py::arg("bits"), py::arg("shape"));
   py::class_<voxelpipe::HeldMesh, std::shared_ptr<voxelpipe::HeldMesh>>(module, "HeldMesh")
-      .def("describe", [](const voxelpipe::HeldMesh& m) { return py::bytes(m.Describe().SerializeAsString()); });
+      .def("describe", [](const voxelpipe::HeldMesh& m) { return py::bytes(m.Describe().SerializeAsString()); })
+      .def("health", &voxelpipe::Health, py::arg("timeout"));
   module.def("load", &voxelpipe::Load, py::arg("mesh"), py::arg("format"), py::arg("unit"), py::arg("name"),
              py::arg("timeout"), py::arg("progress"));
   module.def("run", &voxelpipe::Run, py::arg("request"), py::arg("mesh"), py::arg("timeout"), py::arg("progress"),

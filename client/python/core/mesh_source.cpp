@@ -75,6 +75,11 @@ v1::Mesh HeldMesh::Describe() const {
   return message;
 }
 
+absl::StatusOr<MeshHealth> HeldMesh::Health(const JobContext& job) const {
+  const std::shared_lock lock(mutex_);
+  return CheckHealth(job, mesh_);
+}
+
 absl::StatusOr<std::unique_ptr<UsedMesh>> UsedMesh::Open(const MeshSource& source, const ParsedConfig& config,
                                                          const JobContext& job) {
   const VoxelizeRequest& request = config.request;

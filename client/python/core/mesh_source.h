@@ -14,6 +14,7 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "load/load_mesh.h"
+#include "mesh/health/health.h"
 #include "mesh/report.h"
 #include "mesh/triangle_mesh.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
@@ -31,6 +32,9 @@ class HeldMesh {
 
   // As a server describes it.
   v1::Mesh Describe() const;
+
+  // Errors: those of CheckHealth.
+  absl::StatusOr<MeshHealth> Health(const JobContext& job) const;
 
  private:
   friend class UsedMesh;

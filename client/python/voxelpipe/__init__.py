@@ -11,7 +11,7 @@ from . import errors
 from ._calls.session import Tls
 from ._version import VERSION
 from .aio import AsyncClient
-from .api import default_client, shutdown, voxelize, voxelize_many, voxelize_on_device
+from .api import default_client, mesh_info, shutdown, voxelize, voxelize_many, voxelize_on_device
 from .buckets import Buckets
 from .client import Client
 from .device import DeviceArray, DeviceGrid
@@ -39,7 +39,7 @@ from .in_process_client import InProcessClient
 from .local_server import LocalServer, local_server
 from .mesh_handle import MeshHandle
 from .place import GridPlace
-from .report import Estimate, MeshReport, MeshWarning, ServerInfo, ShaderInfo, StoredMesh, Summary
+from .report import Estimate, MeshHealth, MeshInfo, MeshReport, MeshWarning, ServerInfo, ShaderInfo, StoredMesh, Summary
 from .stored import load_result, make_grid
 from .targets import Shader, Target
 
@@ -62,6 +62,8 @@ __all__ = [
     "Mesh",
     "MeshFile",
     "MeshHandle",
+    "MeshHealth",
+    "MeshInfo",
     "MeshNotFound",
     "MeshReport",
     "MeshWarning",
@@ -90,6 +92,7 @@ __all__ = [
     "load_result",
     "local_server",
     "make_grid",
+    "mesh_info",
     "shutdown",
     "voxelize",
     "voxelize_many",

@@ -19,7 +19,7 @@ from .grid import VoxelGrid
 from .in_process_client import InProcessClient
 from .mesh_handle import MeshHandle
 from .options import client_method, make_request
-from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
+from .report import Estimate, MeshInfo, ServerInfo, ShaderInfo, StoredMesh
 from .request import Call
 
 _OF_ONE_CALL = ("new_positions", "timeout", "progress")
@@ -148,6 +148,10 @@ class AsyncClient:
     async def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
         """The plan of a request, without running it: see Client.estimate()."""
         return await self._calls.estimate(mesh, timeout=timeout, **options)
+
+    async def mesh_info(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None) -> MeshInfo:
+        """Counts, box, faults and health of a mesh: see Client.mesh_info()."""
+        return await self._calls.mesh_info(mesh, timeout=timeout)
 
     async def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""

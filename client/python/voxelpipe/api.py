@@ -18,6 +18,7 @@ from .in_process_client import InProcessClient, start_server
 from .local_server import LocalServer
 from .mesh_handle import MeshHandle, job_of
 from .options import make_request, with_options
+from .report import MeshInfo
 from .request import Call, checked_timeout
 
 _lock = threading.Lock()
@@ -125,6 +126,20 @@ def voxelize_many(
     """
     client = server if isinstance(server, Client) else default_client(server or "")
     return client.voxelize_many(meshes, in_flight=in_flight, errors=errors, **options)
+
+
+def mesh_info(
+    mesh: MeshLike | MeshHandle, *, server: ServerLike | None = None, timeout: float | None = None
+) -> MeshInfo:
+    """Counts, box and faults of a mesh; without a server its health too: see Client.mesh_info().
+
+        info = voxelpipe.mesh_info("car.glb")
+        info.mesh.triangles, info.mesh.min, info.health.watertight, info.health.fill
+
+    mesh, server: see voxelize().
+    """
+    client = server if isinstance(server, Client) else default_client(server or "")
+    return client.mesh_info(mesh, timeout=timeout)
 
 
 def voxelize_on_device(

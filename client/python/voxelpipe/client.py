@@ -17,7 +17,7 @@ from .errors import DataLoss, VoxelpipeError
 from .grid import VoxelGrid
 from .mesh_handle import MeshHandle, job_of
 from .options import client_method, make_request
-from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
+from .report import Estimate, MeshInfo, ServerInfo, ShaderInfo, StoredMesh
 from .request import Call, Request, checked_timeout
 
 _MOST_MESSAGE_BYTES = 1 << 30  # protobuf takes less than 2 GiB
@@ -169,6 +169,13 @@ class Client:
         The mesh is sent in one message: of large ones upload() a handle.
         """
         return finished(self._calls.estimate(mesh, timeout=timeout, **options))
+
+    def mesh_info(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None) -> MeshInfo:
+        """Counts, box and faults of a mesh; without a server its health too, as `voxelpipe info` has it.
+
+        The mesh is sent in one message: of large ones upload() a handle. Errors: as voxelize().
+        """
+        return finished(self._calls.mesh_info(mesh, timeout=timeout))
 
     def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""

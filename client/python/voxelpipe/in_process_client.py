@@ -17,7 +17,7 @@ from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
 from .mesh_handle import MeshHandle, estimate_job, name_of
 from .options import make_request
-from .report import Estimate, ServerInfo, ShaderInfo, StoredMesh
+from .report import Estimate, MeshInfo, ServerInfo, ShaderInfo, StoredMesh
 from .request import Request, checked_timeout
 
 _SMALL_FILE_BYTES, _SMALL_RESULT_BYTES = 4 << 20, 64 << 20
@@ -136,6 +136,17 @@ class InProcessClient(Client):
         job = estimate_job(mesh, make_request(**options))
         held = self._find(mesh.name, mesh.file, timeout, None) if isinstance(mesh, MeshHandle) else None
         return Estimate.of(in_process.estimate(job, held, self._seconds(timeout)))
+
+    def mesh_info(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None) -> MeshInfo:
+        """Counts, box, faults and health of a mesh, as `voxelpipe info` has them. Errors: as voxelize()."""
+        forked = self._served()
+        if forked is not None:
+            return forked.mesh_info(mesh, timeout=timeout)
+        if isinstance(mesh, MeshHandle):
+            held = self._find(mesh.name, mesh.file, timeout, None)
+        else:
+            held = in_process.load(load_mesh(mesh), "", self._seconds(timeout), None)
+        return in_process.mesh_info(held, self._seconds(timeout))
 
     def shaders(self) -> list[ShaderInfo]:
         """Every shader that requests may name, vertex shaders first."""

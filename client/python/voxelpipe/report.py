@@ -10,6 +10,7 @@ from ._proto.voxelpipe.v1 import mesh_pb2, result_pb2, server_info_pb2
 from ._proto.voxelpipe.v1 import types_pb2 as types
 from ._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from .errors import DataLoss
+from .names import Fill
 from .place import GridPlace, Vector
 
 # The bounds of every server's grids and warnings.
@@ -128,6 +129,48 @@ class MeshReport:
             _vector(message.min),
             _vector(message.max),
         )
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshHealth:
+    """What in a mesh keeps a fill from being exact, by the names of `voxelpipe info --json`.
+
+    Edges and shells are those after welding equal positions. open_edges: used by an odd number of triangles;
+    non_manifold_edges: by more than two; inconsistent_edges: not half of the times in each direction. shells: triangles
+    that are connected through edges. flipped_shells: closed ones that face inward; cavities: those of them that lie in
+    others which face outward. volume: of the closed, oriented shells, world units cubed. fill: that which suits the
+    mesh, for voxelize(), and why.
+    """
+
+    watertight: bool
+    edges: int
+    open_edges: int
+    non_manifold_edges: int
+    inconsistent_edges: int
+    degenerate_triangles: int
+    duplicate_triangles: int
+    duplicate_vertices: int
+    not_finite_vertices: int
+    shells: int
+    closed_shells: int
+    flipped_shells: int
+    nested_shells: int
+    cavities: int
+    overlapping_shells: int
+    shells_whose_boxes_overlap: int
+    undecided_shells: int
+    volume: float
+    fill: Fill
+    why: str
+
+
+@dataclasses.dataclass(frozen=True)
+class MeshInfo:
+    """What a mesh is like. health: None of a server, which does not check it."""
+
+    mesh: MeshReport
+    warnings: tuple[MeshWarning, ...]
+    health: MeshHealth | None
 
 
 @dataclasses.dataclass(frozen=True)

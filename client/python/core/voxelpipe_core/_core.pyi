@@ -23,6 +23,9 @@ class HeldMesh:
     def describe(self) -> bytes:
         """A Mesh."""
 
+    def health(self, timeout: float | None) -> dict[str, Any]:
+        """What voxelpipe.MeshHealth has, by its names. Errors: as run()."""
+
 def load(
     mesh: Any,
     format: int,

@@ -1,13 +1,16 @@
 """Runs requests in this process, by the package voxelpipe_core where it is installed."""
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Sequence, Union
 
 from .._mesh.forms import MeshFile
+from .._proto.voxelpipe.v1 import mesh_pb2
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..device import DeviceGrid
 from ..errors import VoxelpipeError
 from ..grid import VoxelGrid
+from ..report import MeshHealth, MeshInfo, MeshReport, read_warnings
 from ..request import Request
 from . import core_module
 from .progress import Progress, Reporter
@@ -80,6 +83,22 @@ def estimate(job: Job, held: Held, timeout: float | None) -> service.EstimateVox
         raise named(core_module.error_of(failed), job.file) from None
     response: service.EstimateVoxelizationResponse = service.EstimateVoxelizationResponse.FromString(answer)
     return response
+
+
+def mesh_info(held: Held, timeout: float | None) -> MeshInfo:
+    """What a held mesh is like. Errors: those of voxelize()."""
+    core = core_module.running()
+    try:
+        health = MeshHealth(**held.health(_seconds(timeout)))
+    except core.Failed as failed:
+        raise core_module.error_of(failed) from None
+    described = mesh_pb2.Mesh.FromString(held.describe())
+    report = dataclasses.replace(
+        MeshReport.of(described.report),
+        degenerate_triangles=health.degenerate_triangles,
+        open_edges=health.open_edges,
+    )
+    return MeshInfo(report, read_warnings(described), health)
 
 
 def _request(job: Job) -> bytes:

@@ -7,11 +7,11 @@ from typing import Any, Awaitable, Callable, Coroutine, Iterator, Protocol, Type
 from .._mesh.forms import MeshFile, MeshLike, load_mesh
 from .._proto.voxelpipe.v1 import mesh_pb2, server_info_pb2
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ..errors import MeshNotFound, VoxelpipeError
+from ..errors import DataLoss, MeshNotFound, VoxelpipeError
 from ..grid import VoxelGrid
 from ..mesh_handle import MeshHandle, estimate_job, job_of, name_of
 from ..options import make_request
-from ..report import Estimate, ServerInfo, ShaderInfo, StoredMesh
+from ..report import Estimate, MeshInfo, ServerInfo, ShaderInfo, StoredMesh
 from ..request import Call, checked_timeout
 from .progress import WAITING, Progress, Reporter
 from .retry import Deadline, Retries, ServerState
@@ -107,6 +107,13 @@ class ServerCalls:
                 self._deadline(timeout), lambda left: self._transport.unary("EstimateVoxelization", message, left)
             )
         return Estimate.of(parsed(service.EstimateVoxelizationResponse, answer))
+
+    async def mesh_info(self, mesh: MeshLike | MeshHandle, *, timeout: float | None) -> MeshInfo:
+        # Of the calls without a result the one that examines a mesh, if it has a fill; its grid is of no interest.
+        plan = await self.estimate(mesh, timeout=timeout, resolution=1, fill="parity")
+        if plan.mesh is None:
+            raise DataLoss("the server's answer: it has no report on the mesh")
+        return MeshInfo(plan.mesh, plan.warnings, None)
 
     async def shaders(self) -> list[ShaderInfo]:
         answer = await self._quick("ListShaders", server_info_pb2.ListShadersRequest())
