@@ -49,6 +49,24 @@ def test_an_npz_gives_its_result_back(
         assert all(numpy.array_equal(one[name], other[name]) for name in [*one.files, *other.files])
 
 
+@pytest.mark.parametrize("kind", ["dense", "sparse", "buckets"])
+def test_a_compressed_npz_is_smaller_and_gives_the_same(
+    client: Client, ball: shapes.Triangles, tmp_path: pathlib.Path, kind: Any
+) -> None:
+    grid = client.voxelize(ball, resolution=40, result=kind, **TARGETS)
+    plain, small = tmp_path / "plain.npz", tmp_path / "small.npz"
+    grid.save(plain)
+    grid.save(small, compress=True)
+    assert small.stat().st_size < 0.7 * plain.stat().st_size
+    assert same_values(voxelpipe.load_result(small), grid)
+    with numpy.load(plain) as one, numpy.load(small) as other:
+        assert one.files == other.files and all(numpy.array_equal(one[name], other[name]) for name in one.files)
+    for name in ("a.npy", "a.raw", "a.png", "a.vti"):
+        with pytest.raises(ValueError, match="compress is an option of .npz"):
+            grid.save(tmp_path / name, compress=True)
+    assert {*tmp_path.iterdir()} == {plain, small}
+
+
 def test_an_empty_sparse_result(client: Client, tmp_path: pathlib.Path) -> None:
     grid = client.voxelize(shapes.cube(), dims=(4, 4, 4), origin=(9, 9, 9), voxel_size=1, result="sparse")
     grid.save(tmp_path / "a.npz")

@@ -334,18 +334,21 @@ class VoxelGrid:
         """Keyword arguments for napari.Viewer.add_image: data, name, scale and translate (z, y, x)."""
         return convert.to_napari(self, name)
 
-    def save(self, path: "str | os.PathLike[str]") -> None:
+    def save(self, path: "str | os.PathLike[str]", *, compress: bool = False) -> None:
         """Writes a file; the extension decides its format. It appears under its name when it is complete.
 
         .npy and .raw (with .raw.json) hold one target of a dense result, .npz all by their names, .png the picture of
         notebooks. With the package voxelpipe-core it writes all formats of the command line (client/README.md), the
         same bytes; these name targets "target0", "target1", ... in their order.
 
+        compress: of .npz, whose arrays are stored as they are by default: deflates them, quickly. numpy and
+        load_result() read both; the command line's compare and --grid-like read stored ones alone.
+
         Warns (UserWarning) of what a format does not keep. Errors: ValueError for an extension that is none, and for a
         format that cannot hold this result; with strict=True in the request, for what would be a warning;
         MissingPackage without voxelpipe-core; TooLarge; OSError. Ctrl-C ends it. After an error there is no file.
         """
-        save.save(self, path)
+        save.save(self, path, compress)
 
     def show(self) -> None:
         """Shows the result: in a notebook size, place and picture; else as a page in the browser.

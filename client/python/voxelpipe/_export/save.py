@@ -26,10 +26,12 @@ _LISTS = ("ijk", "offsets", "triangle")  # of an .npz of any kind
 _ORDER = "x fastest: voxel (i, j, k) is n = i + nx*(j + ny*k); bit n is (byte[n/8] >> (n%8)) & 1; little endian"
 
 
-def save(grid: "VoxelGrid", path: "str | os.PathLike[str]") -> None:
+def save(grid: "VoxelGrid", path: "str | os.PathLike[str]", compress: bool = False) -> None:
     """See VoxelGrid.save."""
     target = pathlib.Path(path)
     kind = _extension(target)
+    if compress and kind != ".npz":
+        raise ValueError(f"{target}: compress is an option of .npz")
     if kind not in _OWN:
         _save_by_core(grid, target, kind)
         return
@@ -38,7 +40,7 @@ def save(grid: "VoxelGrid", path: "str | os.PathLike[str]") -> None:
     if kind == ".raw":
         description = _description(grid, target.name).encode(errors="replace")
         _write(pathlib.Path(f"{target}.json"), lambda file: file.write(description))
-    _write(target, lambda file: _fill(grid, kind, file))
+    _write(target, lambda file: _fill(grid, kind, file, compress))
 
 
 def _formats() -> list[dict[str, Any]]:
@@ -95,11 +97,11 @@ def _write(path: pathlib.Path, fill: Any) -> None:
         raise
 
 
-def _fill(grid: "VoxelGrid", kind: str, file: Any) -> None:
+def _fill(grid: "VoxelGrid", kind: str, file: Any, compress: bool) -> None:
     if kind == ".npy":
         numpy.save(file, _as_written(grid.array))
     elif kind == ".npz":
-        _write_npz(file, _arrays(grid))
+        _write_npz(file, _arrays(grid), compress)
     elif kind == ".raw":
         name = grid.targets[0].name
         file.write(grid.packed(name) if grid.targets[0].format == "bit" else grid.stored[name].reshape(-1).data)
@@ -107,9 +109,10 @@ def _fill(grid: "VoxelGrid", kind: str, file: Any) -> None:
         file.write(grid._repr_png_())
 
 
-def _write_npz(file: Any, arrays: dict[str, Any]) -> None:
-    # numpy.savez takes no array of the name "file"
-    with zipfile.ZipFile(file, "w") as archive:
+def _write_npz(file: Any, arrays: dict[str, Any], compress: bool) -> None:
+    # numpy.savez takes no array of the name "file", and numpy.savez_compressed has level 6, twice as slow
+    method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+    with zipfile.ZipFile(file, "w", method, compresslevel=1) as archive:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                 write_array: Any = numpy.lib.format.write_array
