@@ -41,6 +41,26 @@ def test_lines_have_at_most_120_columns() -> None:
         assert [number for number, line in enumerate(lines, 1) if len(line) > 120] == [], path
 
 
+def test_no_private_names_of_protobuf_and_grpc() -> None:
+    private = re.compile(r"google\.protobuf\.internal|google\.protobuf\.pyext|symbol_database|grpc\._|_descriptor\._")
+    for path in (PACKAGE / "voxelpipe").rglob("*.py"):
+        assert not private.search(path.read_text(encoding="utf-8")), path
+
+
+def test_the_messages_are_the_same_in_every_implementation_of_protobuf() -> None:
+    script = (
+        "from google.protobuf import any_pb2, duration_pb2; from voxelpipe.options import make_request; "
+        "from voxelpipe._proto.google.rpc import status_pb2; from voxelpipe._proto.voxelpipe.v1 import types_pb2 as t; "
+        "message = make_request(axes='x,z,-y', color='base_color:srgb8', padding=2, content_hash=True).message; "
+        "status = status_pb2.Status(code=3); status.details.add().Pack(t.Dims(x=-1, y=1 << 40)); "
+        "print(message.SerializeToString().hex(), status.SerializeToString().hex(), t.Backend.Name(t.BACKEND_CPU))"
+    )
+    environment = dict(os.environ)
+    ours = run(sys.executable, "-c", script, cwd=PACKAGE, env=environment)
+    environment["PROTOCOL_BUFFERS_PYTHON_IMPLEMENTATION"] = "python"
+    assert run(sys.executable, "-c", script, cwd=PACKAGE, env=environment) == ours and "BACKEND_CPU" in ours
+
+
 def test_both_clients_have_the_same_calls() -> None:
     def parameters(client: type, name: str) -> list[inspect.Parameter]:
         listed = inspect.signature(getattr(client, name)).parameters.values()

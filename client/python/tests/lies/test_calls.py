@@ -179,7 +179,7 @@ def test_unknown_numbers_of_enums_are_told(liar: tuple[Liar, str], asynchronous:
 
 @BOTH
 def test_enums_of_a_server_are_texts(liar: tuple[Liar, str], asynchronous: bool) -> None:
-    kinds: Any = server_info_pb2.ShaderParameterType.values()
+    kinds: Any = [number for _, number in server_info_pb2.ShaderParameterType.items()]
     shaders = [
         server_info_pb2.ShaderInfo(name="move", stage=server_info_pb2.SHADER_STAGE_VERTEX),
         server_info_pb2.ShaderInfo(
