@@ -33,4 +33,9 @@ example rotating_part bunny.glb --steps 2 --resolution 24
 example training_set . shards --resolution 16
 [[ -s colors/bunny.npz && -s shards/shard-00000.npz ]] || { echo "wheels.sh: no files of the examples" >&2; exit 1; }
 "$work/venv/bin/python" -c 'from voxelpipe._calls import core_module; assert core_module.available()'
-[[ "$("$work/venv/bin/voxelpiped" --version)" == "$("$voxelpiped" --version)" ]]
+"$work/venv/bin/python" - <<'EOF'
+from importlib.metadata import metadata
+for package in ("voxelpipe", "voxelpipe-core"):
+    told = metadata(package)
+    assert "Apache-2.0" in (told["License"], told["License-Expression"]), package
+EOF
