@@ -51,17 +51,19 @@ py::array_t<uint8_t> Owned(HostBuffer buffer) {
 py::object DlpackOf(const DeviceBuffer& buffer, int code, int bits, std::vector<int64_t> shape) {
   struct Managed {
     DLManagedTensor tensor;
-    std::vector<int64_t> shape;
+    std::vector<int64_t> shape, strides;
     std::shared_ptr<void> owner;
   };
-  auto* const managed = new Managed{{}, std::move(shape), buffer.owner};
+  std::vector<int64_t> strides(shape.size(), 1);  // dense, C order
+  for (size_t i = shape.size(); i > 1; --i) strides[i - 2] = strides[i - 1] * shape[i - 1];
+  auto* const managed = new Managed{{}, std::move(shape), std::move(strides), buffer.owner};
   DLTensor& tensor = managed->tensor.dl_tensor;
   tensor.data = buffer.data;
   tensor.device = {kDLCUDA, buffer.ordinal};
   tensor.ndim = int(managed->shape.size());
   tensor.dtype = {uint8_t(code), uint8_t(bits), 1};
   tensor.shape = managed->shape.data();
-  tensor.strides = nullptr;  // dense, C order
+  tensor.strides = managed->strides.data();  // DLPack 1.1 and later allow no null
   tensor.byte_offset = 0;
   managed->tensor.manager_ctx = managed;
   managed->tensor.deleter = [](DLManagedTensor* self) { delete static_cast<Managed*>(self->manager_ctx); };

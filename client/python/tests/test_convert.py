@@ -41,6 +41,24 @@ def test_numpy_and_dlpack_share_the_memory(grid: VoxelGrid) -> None:
     assert taken.dtype == numpy.uint8 and numpy.shares_memory(taken, grid.mask)
 
 
+@pytest.mark.parametrize("versions", [False, True])
+def test_dlpack_hands_the_version_on_where_numpy_takes_one(
+    grid: VoxelGrid, monkeypatch: pytest.MonkeyPatch, versions: bool
+) -> None:
+    asked: list[Any] = []
+
+    class OfNumpy21:
+        def __dlpack__(self, *, stream: Any, max_version: Any = "none") -> str:
+            if max_version != "none" and not versions:
+                raise TypeError("__dlpack__() got an unexpected keyword argument 'max_version'")
+            asked.append((stream, max_version))
+            return "a capsule"
+
+    monkeypatch.setattr(convert, "for_dlpack", lambda _: OfNumpy21())
+    assert grid.__dlpack__(max_version=(1, 1)) == "a capsule"
+    assert asked == [(None, (1, 1) if versions else "none")]
+
+
 def test_torch(grid: VoxelGrid) -> None:
     torch = pytest.importorskip("torch")
     normal = grid.to_torch("normal")

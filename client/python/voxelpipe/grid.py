@@ -291,13 +291,17 @@ class VoxelGrid:
         dl_device: tuple[Any, int] | None = None,
         copy: bool | None = None,
     ) -> Any:
-        """The first target's array; bits as uint8, which every library takes. An unversioned capsule, which consumers
-        of every version take. Errors: BufferError for another device than this machine's memory.
+        """The first target's array; bits as uint8, which every library takes. The capsule is numpy's: from numpy 2.1 on
+        with a version, if the consumer takes one. Errors: BufferError for another device than this machine's memory.
         """
         if dl_device not in (None, self.__dlpack_device__()):
             raise BufferError(f"the result is in this machine's memory, not on the device {dl_device}")
-        array = convert.for_dlpack(self.array)
-        return (array.copy() if copy else array).__dlpack__(stream=stream)
+        array: Any = convert.for_dlpack(self.array)
+        array = array.copy() if copy else array
+        try:
+            return array.__dlpack__(stream=stream, max_version=max_version)
+        except TypeError:  # numpy before 2.1 knows no versions
+            return array.__dlpack__(stream=stream)
 
     def __dlpack_device__(self) -> tuple[int, int]:
         return 1, 0
