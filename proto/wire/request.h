@@ -40,8 +40,8 @@ v1::MeshFormat MeshFormatNamed(std::string_view name);
 absl::StatusOr<MeshFileType> ParseMeshType(v1::MeshFormat format, v1::LengthUnit unit, const std::string& prefix);
 
 // In: a message from a client; the bytes of its mesh are not read. Out: the request with every default filled in.
-// ValidateRequest checks shaders and blends. Errors: INVALID_ARGUMENT "field: why" for enum values that this server does
-// not know, a shader parameter given twice, more than kMaxTargets targets, a negative queue time-out or size of a
+// ValidateRequest checks shaders and blends. Errors: INVALID_ARGUMENT "field: why" for enum values that this server
+// does not know, a shader parameter given twice, more than kMaxTargets targets, a negative queue time-out or size of a
 // message, or a stored mesh without a name.
 absl::StatusOr<ParsedConfig> ParseRequest(const v1::VoxelizeRequest& request);
 // Its two parts: a request without a mesh, and the mesh.

@@ -40,7 +40,7 @@ absl::Status OfMesh(absl::Status status);
 //   INVALID_ARGUMENT      BadRequest: field = that of WithField, description = the message; otherwise field = the text
 //                         of the message before the first ": ", description = the rest
 //   RESOURCE_EXHAUSTED    RetryInfo for a BusyError and if other requests use the memory (IsInUseByOthers), with
-//                         QuotaFailure for a QuotaError; otherwise LimitExceeded if the numbers are known (LimitErrorOf)
+//                         QuotaFailure for a QuotaError; otherwise LimitExceeded if there are numbers (LimitErrorOf)
 //   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.Mesh", name the mesh's
 //   UNAVAILABLE           RetryInfo for a NotServingError
 grpc::Status ToGrpcStatus(const absl::Status& status);

@@ -33,8 +33,8 @@ class CreateMeshCall final : public grpc::ServerUnaryReactor, public MeshUpload 
   void FinishCall(const grpc::Status& status) override { Finish(status); }
 };
 
-// One UploadMesh call: receives the file in pieces. If the client named the mesh and it is already stored, the call ends
-// before the file has arrived: the client may then use the mesh, but has no claim on it.
+// One UploadMesh call: receives the file in pieces. If the client named the mesh and it is already stored, the call
+// ends before the file has arrived: the client may then use the mesh, but has no claim on it.
 class UploadMeshCall final : public grpc::ServerReadReactor<grpc::ByteBuffer>, public MeshUpload {
  public:
   // `state` must outlive the reactor, `response` must live until the call ends.

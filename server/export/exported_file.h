@@ -56,7 +56,8 @@ class ExportedFile {
     uint64_t bytes = 0;
     std::string name;  // without the path
   };
-  // Opens the complete file and removes the folder: the file ends with its descriptor, its charge with this object. Once.
+  // Opens the complete file and removes the folder: the file ends with its descriptor, its charge with this object.
+  // Once.
   absl::StatusOr<Open> Take();
 
   uint64_t max_bytes() const { return files_.limit(); }  // of all files at the same time

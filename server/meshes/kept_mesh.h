@@ -25,8 +25,8 @@ class LoadWorkers;
 // Thread-safe. Returned meshes never change: textures are decoded into a copy, which replaces the mesh.
 class KeptMesh {
  public:
-  // `name`: that of MeshNameOf (wire/mesh_name.h). `type`: of the file, its format not kAuto. Errors: the job's. May throw
-  // bad_alloc.
+  // `name`: that of MeshNameOf (wire/mesh_name.h). `type`: of the file, its format not kAuto. Errors: the job's. May
+  // throw bad_alloc.
   static absl::StatusOr<std::shared_ptr<KeptMesh>> Make(const JobContext& job, std::string name, MeshFileType type,
                                                         uint64_t file_bytes, LoadedMesh loaded);
   // `report`: BoxReport of the mesh.

@@ -1,9 +1,9 @@
 """usage: stub_recipes.py LANGUAGE PROGRAMS_DIR REPOSITORY WORK_DIR
 
 Runs the lines and the programs of one language in proto/README.md as they stand, but for the port, which is one that is
-free; then with a resolution whose result comes in one message. The bytes and files that the programs write must be those
-of the command line; no file may be left of a server that dies while it sends one. Exit 77 with the reason if a tool is
-missing.
+free; then with a resolution whose result comes in one message. The bytes and files that the programs write must be
+those of the command line; no file may be left of a server that dies while it sends one. Exit 77 with the reason if a
+tool is missing.
 """
 import os
 import pathlib

@@ -13,6 +13,12 @@ class _Binary(setuptools.Distribution):
         return True
 
 
+options = {}
+if pathlib.Path("voxelpipe_core", "libs").is_dir():  # bundle.py was here: any Linux of this glibc or a later one
+    glibc = os.confstr("CS_GNU_LIBC_VERSION").split()[1].replace(".", "_")
+    options["bdist_wheel"] = {"plat_name": f"manylinux_{glibc}_{platform.machine()}"}
 # SPDX: setuptools 77 and later take an expression (PEP 639); the pyproject.toml of Debian 12's 66 a table alone.
 EXPRESSION = int(setuptools.__version__.partition(".")[0]) >= 77
-setuptools.setup(distclass=_Binary, **{"license_expression" if EXPRESSION else "license": "Apache-2.0"})
+setuptools.setup(
+    distclass=_Binary, options=options, **{"license_expression" if EXPRESSION else "license": "Apache-2.0"}
+)

@@ -70,8 +70,8 @@ absl::Status ValidateTarget(const TargetSpec& target, const std::string& field) 
   }
   if (!std::isfinite(target.clear)) return Invalid(field + ".clear", "must be finite");
   if (target.fill_values.size() > 1 && target.fill_values.size() != size_t(target.components)) {
-    return Invalid(field + ".fill", absl::StrCat("one number, or one for each of ", target.components,
-                                                        " components; ", target.fill_values.size(), " given"));
+    return Invalid(field + ".fill", absl::StrCat("one number, or one for each of ", target.components, " components; ",
+                                                 target.fill_values.size(), " given"));
   }
   for (const double value : target.fill_values) {
     if (!std::isfinite(value)) return Invalid(field + ".fill", "must be finite");

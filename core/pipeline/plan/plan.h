@@ -54,8 +54,8 @@ struct Plan {
 uint64_t TargetBytes(const TargetSpec& target, uint64_t voxels);
 
 // Checks everything in `request` that does not depend on a mesh: the form of the grid, targets, blends, components,
-// shaders and their parameters, coverage, fill. Errors: INVALID_ARGUMENT naming the field, e.g. "targets[1].blend: ...";
-// those of CheckGridRequest.
+// shaders and their parameters, coverage, fill. Errors: INVALID_ARGUMENT naming the field, e.g. "targets[1].blend:
+// ..."; those of CheckGridRequest.
 absl::Status ValidateRequest(const VoxelizeRequest& request);
 
 }  // namespace voxelpipe

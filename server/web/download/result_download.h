@@ -16,9 +16,9 @@
 namespace voxelpipe {
 
 // The body is a VoxelizeRequest without compression. Its Voxelize call runs like any other; its job hands the result to
-// the writer of the format (export/file_export.h), which makes the file in a folder of its own below the system's folder for
-// temporary files. The response begins when the file is complete; its headers hold the summary of the call and the
-// warnings. On the connection's thread, which only waits.
+// the writer of the format (export/file_export.h), which makes the file in a folder of its own below the system's
+// folder for temporary files. The response begins when the file is complete; its headers hold the summary of the call
+// and the warnings. On the connection's thread, which only waits.
 class ResultDownload {
  public:
   // `web` must outlive the object, and the object the response.

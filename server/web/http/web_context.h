@@ -14,9 +14,7 @@ namespace voxelpipe {
 // Must outlive all requests.
 struct WebContext {
   WebContext(ServiceState& of_server, std::shared_ptr<grpc::Channel> to_server, OriginRules rules)
-      : state(of_server),
-        channel(std::move(to_server)),
-        origins(std::move(rules)) {}
+      : state(of_server), channel(std::move(to_server)), origins(std::move(rules)) {}
 
   ServiceState& state;
   const std::shared_ptr<grpc::Channel> channel;  // of the server itself

@@ -1,7 +1,8 @@
 // usage: node drive_page.mjs NODE_MODULES BROWSER URL MESH FOLDER [TOKEN]
 //
-// Uses the server's page as a person would: chooses a mesh and two targets, voxelizes, turns to the result, downloads it
-// in every format into FOLDER, cancels a large job. Saves pictures there, and prints what was seen as one JSON object.
+// Uses the server's page as a person would: chooses a mesh and two targets, voxelizes, turns to the result, downloads
+// it in every format into FOLDER, cancels a large job. Saves pictures there, and prints what was seen as one JSON
+// object.
 import fs from 'node:fs';
 import {createRequire} from 'node:module';
 import path from 'node:path';

@@ -5,7 +5,7 @@
 # usage: wheels.sh WORK_FOLDER VOXELPIPED VOXELPIPE      VOXELPIPE_CORE_PACKAGE: the folder of the compiled package
 # Exit status 77 with the reason: there is no compiled package, or a program or a module that makes wheels is missing.
 set -euo pipefail
-here="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
+here="$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)"
 work="$1" voxelpiped="$2" voxelpipe="$3"
 python() { bash "$here/../../tests/support/python.sh" "$@"; }
 skip() { echo "skipped: $*"; exit 77; }
@@ -17,7 +17,7 @@ command -v patchelf >/dev/null || skip "patchelf is missing (docker/packages-pyt
 rm -rf "$work"
 mkdir -p "$work/run"
 bash "$here/make_wheels.sh" "$work/dist" "$VOXELPIPE_CORE_PACKAGE" "$voxelpiped" "$voxelpipe"
-python "$here/tests/check_wheel.py" "$work"/dist/voxelpipe_core-*.whl "$work/unpacked"
+python "$here/tests/wheels/check_wheel.py" "$work"/dist/voxelpipe_core-*.whl "$work/unpacked"
 python -m venv --without-pip --system-site-packages "$work/venv"
 python -m pip -q --python "$work/venv/bin/python" install --no-index --no-deps "$work"/dist/*.whl
 
@@ -39,3 +39,4 @@ for package in ("voxelpipe", "voxelpipe-core"):
     told = metadata(package)
     assert "Apache-2.0" in (told["License"], told["License-Expression"]), package
 EOF
+[[ "$("$work/venv/bin/voxelpiped" --version)" == "$("$voxelpiped" --version)" ]]

@@ -5,7 +5,7 @@
 # usage: wheels_elsewhere.sh WORK_FOLDER VOXELPIPE     after wheels.sh in the same folder
 # Exit status 77 with the reason: there are no wheels, or no such tree can be made or entered.
 set -euo pipefail
-here="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
+here="$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)"
 source="$here/../.."
 work="$1" voxelpipe="$2"
 skip() { echo "skipped: $*"; exit 77; }
@@ -23,7 +23,7 @@ there() {
   setpriv --pdeathsig KILL unshare --mount --pid --mount-proc --fork --kill-child -- \
     bash "$source/tests/fresh/in_tree.sh" "$tree" /root PATH=/usr/bin:/bin HOME=/root LANG=C.UTF-8 "$@" </dev/null
 }
-add() { bash "$here/tests/clean_tree.sh" "$tree" "$@"; }
+add() { bash "$here/tests/wheels/clean_tree.sh" "$tree" "$@"; }
 
 add python3 python3-numpy libstdc++6 bash dash coreutils
 bash "$source/tests/support/python.sh" -m pip -q install --no-index --no-deps --no-warn-script-location \
@@ -64,7 +64,7 @@ echo "without Debian's libraries: the module, the program and the server give th
 add python3-grpcio python3-protobuf
 openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 1 -subj /CN=far \
   -addext subjectAltName=IP:127.0.0.1 -keyout "$tree/root/key.pem" -out "$tree/root/cert.pem" 2>/dev/null
-cp "$here/README.md" "$here/tests/guide.py" "$tree/root/"
+cp "$here/README.md" "$here/tests/wheels/guide.py" "$tree/root/"
 cp -r "$here/examples" "$tree/root/"
 cat >"$tree/root/guide.sh" <<'EOF'
 set -eu
