@@ -186,7 +186,7 @@ TEST_F(BridgeTest, ChunkedBodies) {
   const WebConnection connection(web_);
   ASSERT_TRUE(connection.Send("POST " + WebMethod("GetServerInfo") + " HTTP/1.1\r\nHost: " + web_ +
                               "\r\nContent-Type: application/grpc-web\r\nTransfer-Encoding: chunked\r\n\r\n"));
-  ASSERT_TRUE(connection.Send(std::string("2\r\n\0\0\r\n3\r\n\0\0\0\r\n0\r\n\r\n", 22)));
+  ASSERT_TRUE(connection.Send(std::string("2\r\n\0\0\r\n3\r\n\0\0\0\r\n0\r\n\r\n", 20)));
   EXPECT_EQ(ParseWebReply(connection.ReadReply()).status, 0);
 }
 
