@@ -6,33 +6,24 @@
 #include <grpcpp/grpcpp.h>
 
 #include "absl/status/status.h"
-#include "calls/result_call.h"
+#include "calls/voxelize_call.h"
 #include "export/exported_file.h"
 
 namespace voxelpipe {
 
 // Writing the file is the last stage of the job; the file is sent when it is complete.
-class ExportFileCall final : public grpc::ServerWriteReactor<grpc::ByteBuffer>, private ResultCall {
+class ExportFileCall final : public VoxelizeCall {
  public:
-  // The reactor of a new call. `state` must outlive it; `request` is consumed immediately.
-  static ExportFileCall* Create(ServiceState& state, grpc::CallbackServerContext& server_context,
-                                grpc::ByteBuffer& request);
-
-  void OnWriteDone(bool ok) override { WriteDone(ok); }
-  void OnCancel() override { Cancelled(); }
-  void OnDone() override { Ended(); }
-  bool InternalInlineable() override { return kReactAtOnce; }
+  // As VoxelizeCall::Create.
+  static VoxelizeCall* Create(ServiceState& state, grpc::CallbackServerContext& server_context,
+                              grpc::ByteBuffer& request);
 
  private:
   ExportFileCall(ServiceState& state, grpc::CallbackServerContext& server_context);
 
-  absl::Status TakeMessage(grpc::ByteBuffer& message);
-
+  absl::Status TakeMessage(grpc::ByteBuffer& bytes) override;
   std::shared_ptr<ReplyStream> ReplyOfExport(const JobOutcome& outcome, bool cached) override;
   bool sends_progress() const override { return false; }
-  void StartMessage(const grpc::ByteBuffer* message, grpc::WriteOptions options) override;
-  void StartLastMessage(const grpc::ByteBuffer* message) override;
-  void FinishCall(const grpc::Status& status) override { Finish(status); }
 
   std::shared_ptr<ExportedFile> file_;
 };

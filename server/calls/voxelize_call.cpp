@@ -15,10 +15,16 @@ namespace voxelpipe {
 
 VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerContext& server_context,
                                    grpc::ByteBuffer& request) {
-  const std::shared_ptr<VoxelizeCall> call(new VoxelizeCall(state, server_context));
+  return Begin(std::shared_ptr<VoxelizeCall>(new VoxelizeCall(state, server_context, Rpc::kVoxelize)), request);
+}
+
+VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& server_context, Rpc rpc)
+    : ResultCall(state, server_context, rpc) {}
+
+VoxelizeCall* VoxelizeCall::Begin(const std::shared_ptr<VoxelizeCall>& call, grpc::ByteBuffer& message) {
   call->KeepAlive(std::shared_ptr<ResultCall>(call, call.get()));
   absl::Status status = MayBegin(call->pass_, call->record_.admission());
-  if (status.ok()) status = call->TakeMessage(request);
+  if (status.ok()) status = call->TakeMessage(message);
   if (status.ok()) {
     call->SubmitJob();
   } else {
@@ -27,13 +33,10 @@ VoxelizeCall* VoxelizeCall::Create(ServiceState& state, grpc::CallbackServerCont
   return call.get();
 }
 
-VoxelizeCall::VoxelizeCall(ServiceState& state, grpc::CallbackServerContext& server_context)
-    : ResultCall(state, server_context, Rpc::kVoxelize) {}
-
-absl::Status VoxelizeCall::TakeMessage(grpc::ByteBuffer& message) {
+absl::Status VoxelizeCall::TakeMessage(grpc::ByteBuffer& bytes) {
   google::protobuf::Arena arena;
   auto& request = *google::protobuf::Arena::CreateMessage<v1::VoxelizeRequest>(&arena);
-  if (absl::Status s = ReadMessage(message, request); !s.ok()) return s;
+  if (absl::Status s = ReadMessage(bytes, request); !s.ok()) return s;
   return TakeRequest(request);
 }
 

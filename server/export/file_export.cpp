@@ -8,6 +8,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/checksum/sha256.h"
+#include "base/text.h"
 #include "encode/atomic_file.h"
 #include "encode/png_preview.h"
 #include "encode/result_file.h"
@@ -16,6 +17,8 @@
 
 namespace voxelpipe {
 namespace {
+
+constexpr size_t kMaxNameBytes = 40;  // that an error shows
 
 class FileExport final : public ResultExport, private ResultSink {
  public:
@@ -102,6 +105,16 @@ class FileExport final : public ResultExport, private ResultSink {
 };
 
 }  // namespace
+
+absl::StatusOr<const OutputFormat*> ExportFormatNamed(const std::string& name) {
+  const std::string extension = absl::StrCat(".", name);
+  const OutputFormat* const format = FindFormat(extension);
+  if (format != nullptr) return format;
+  const std::string why(WhyNotBuilt(extension));
+  return absl::InvalidArgumentError(
+      why.empty() ? absl::StrCat("format: '", CleanText(name, kMaxNameBytes), "' is not one of ", ListFormats(false))
+                  : absl::StrCat("format: ", why));
+}
 
 MakeExport ExportTo(std::shared_ptr<ExportedFile> file) {
   return

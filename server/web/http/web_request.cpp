@@ -10,15 +10,13 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
-#include "base/text.h"
+#include "export/file_export.h"
 
 namespace voxelpipe {
 namespace {
 
 // What the service reads of a caller's metadata. Other headers are for browsers and proxies.
 constexpr const char* kForwarded[] = {"authorization", "traceparent", "x-request-id"};
-
-constexpr size_t kMaxFormatBytes = 40;  // that an error shows
 
 bool IsPrintable(std::string_view text) {
   return std::all_of(text.begin(), text.end(), [](char c) { return c >= ' ' && c <= '~'; });
@@ -93,11 +91,7 @@ absl::StatusOr<BridgeCall::Setup> CallOf(const WebContext& web, MHD_Connection* 
 
 absl::StatusOr<const OutputFormat*> AskedFormat(MHD_Connection* connection) {
   const char* const asked = MHD_lookup_connection_value(connection, MHD_GET_ARGUMENT_KIND, "format");
-  const std::string name = asked == nullptr ? "" : asked;
-  const OutputFormat* const format = FindFormat("." + name);
-  if (format != nullptr) return format;
-  return absl::InvalidArgumentError(
-      absl::StrCat("format: '", CleanText(name, kMaxFormatBytes), "' is not one of ", ListFormats(false)));
+  return ExportFormatNamed(asked == nullptr ? "" : asked);
 }
 
 bool IsType(std::optional<std::string_view> type, std::string_view wanted) {

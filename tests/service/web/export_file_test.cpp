@@ -136,8 +136,8 @@ TEST_F(ExportFileTest, WhatIsNoFileIsRefusedByField) {
     EXPECT_EQ(exported.messages, 0);
   };
   v1::VoxelizeRequest request = RequestOf(SmallRequest(), torus_);
-  refused("doc", request, "format: 'doc' is none of npy, npz");
-  refused("", request, "format: '' is none of npy, npz");
+  refused("doc", request, "format: 'doc' is not one of npy, npz");
+  refused("", request, "format: '' is not one of npy, npz");
   request.mutable_delivery()->set_compression(v1::COMPRESSION_ZSTD);
   refused("npy", request, "compression: a file needs NONE");
   request = RequestOf(SmallRequest(), torus_);
