@@ -7,6 +7,7 @@
 #include "absl/strings/str_format.h"
 #include "engine/report.h"
 #include "mesh/health/fill_advice.h"
+#include "mesh/health/health_facts.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -32,30 +33,9 @@ std::string NextStep(const FillAdvice& advice, const std::string& path) {
 }  // namespace
 
 nlohmann::ordered_json HealthJson(const MeshHealth& health, const std::string& path) {
-  const FillAdvice advice = AdviseFill(health);
-  const OverlapCounts& overlaps = health.overlaps;
   nlohmann::ordered_json json;
-  json["watertight"] = health.watertight;
-  json["edges"] = health.edges.edges;
-  json["open_edges"] = health.edges.open;
-  json["non_manifold_edges"] = health.edges.non_manifold;
-  json["inconsistent_edges"] = health.edges.inconsistent;
-  json["degenerate_triangles"] = health.degenerate_triangles;
-  json["duplicate_triangles"] = health.duplicate_triangles;
-  json["duplicate_vertices"] = health.duplicate_vertices;
-  json["not_finite_vertices"] = health.not_finite_vertices;
-  json["shells"] = health.shells;
-  json["closed_shells"] = health.closed_shells;
-  json["flipped_shells"] = health.flipped_shells;
-  json["nested_shells"] = overlaps.nested;
-  json["cavities"] = overlaps.cavities;
-  json["overlapping_shells"] = overlaps.overlapping;
-  json["shells_whose_boxes_overlap"] = overlaps.boxes_only;
-  json["undecided_shells"] = overlaps.undecided;
-  json["volume"] = health.volume;
-  json["fill"] = std::string(Name(advice.fill));
-  json["why"] = advice.why;
-  const std::string next = NextStep(advice, path);
+  ForEachHealthFact(health, [&json](const char* name, const auto& value) { json[name] = value; });
+  const std::string next = NextStep(AdviseFill(health), path);
   json["next"] = next.empty() ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(next);
   return json;
 }

@@ -24,7 +24,7 @@
 #include "absl/strings/str_cat.h"
 #include "call.h"
 #include "files.h"
-#include "mesh/health/fill_advice.h"
+#include "mesh/health/health_facts.h"
 #include "mesh_source.h"
 #include "runs.h"
 #include "shaders/catalog.h"
@@ -267,29 +267,8 @@ py::dict Health(const HeldMesh& mesh, std::optional<double> timeout) {
     }
   });
   if (!checked.ok()) Throw(checked.status());
-  const MeshHealth& health = *checked;
-  const FillAdvice advice = AdviseFill(health);
   py::dict facts;
-  facts["watertight"] = health.watertight;
-  facts["edges"] = health.edges.edges;
-  facts["open_edges"] = health.edges.open;
-  facts["non_manifold_edges"] = health.edges.non_manifold;
-  facts["inconsistent_edges"] = health.edges.inconsistent;
-  facts["degenerate_triangles"] = health.degenerate_triangles;
-  facts["duplicate_triangles"] = health.duplicate_triangles;
-  facts["duplicate_vertices"] = health.duplicate_vertices;
-  facts["not_finite_vertices"] = health.not_finite_vertices;
-  facts["shells"] = health.shells;
-  facts["closed_shells"] = health.closed_shells;
-  facts["flipped_shells"] = health.flipped_shells;
-  facts["nested_shells"] = health.overlaps.nested;
-  facts["cavities"] = health.overlaps.cavities;
-  facts["overlapping_shells"] = health.overlaps.overlapping;
-  facts["shells_whose_boxes_overlap"] = health.overlaps.boxes_only;
-  facts["undecided_shells"] = health.overlaps.undecided;
-  facts["volume"] = health.volume;
-  facts["fill"] = std::string(Name(advice.fill));
-  facts["why"] = advice.why;
+  ForEachHealthFact(*checked, [&facts](const char* name, const auto& value) { facts[name] = value; });
   return facts;
 }
 
