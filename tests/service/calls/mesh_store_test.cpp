@@ -15,6 +15,7 @@
 #include "mesh/flatten.h"
 #include "service/support/background_call.h"
 #include "service/support/effort.h"
+#include "service/support/mesh_store_fixture.h"
 #include "service/support/messages.h"
 #include "service/support/requests.h"
 #include "service/support/sample_mesh.h"
@@ -37,58 +38,6 @@ std::string Missing(char digit) {
   return "meshes/" + std::string(64, digit);
 }
 
-class MeshStoreTest : public ::testing::Test {
- protected:
-  void Start(std::vector<std::string> arguments = {}) {
-    arguments.insert(arguments.end(), {"--log-level", "warn"});
-    server_ = StartServer(arguments);
-    ASSERT_NE(server_, nullptr);
-    client_ = ConnectTo(*server_);
-    ASSERT_NE(client_, nullptr);
-    stub_ = StubOf(*server_);
-  }
-
-  StoredMesh Upload(const std::vector<uint8_t>& bytes) {
-    const JobContext job;
-    const absl::StatusOr<StoredMesh> mesh = client_->UploadMesh(bytes, MeshFormat::kAuto, job);
-    EXPECT_TRUE(mesh.ok()) << mesh.status();
-    return mesh.value_or(StoredMesh{});
-  }
-
-  // What the server says to an upload of these messages.
-  absl::Status UploadRaw(const std::vector<v1::UploadMeshRequest>& messages, v1::Mesh* response = nullptr) {
-    grpc::ClientContext context;
-    context.set_deadline(std::chrono::system_clock::now() + kPatience);
-    v1::Mesh answer;
-    const auto stream = stub_->UploadMesh(&context, response == nullptr ? &answer : response);
-    for (const v1::UploadMeshRequest& message : messages) {
-      if (!stream->Write(message)) break;
-    }
-    stream->WritesDone();
-    return FromGrpcStatus(stream->Finish());
-  }
-
-  std::string HashOfFile(const std::vector<uint8_t>& bytes, const VoxelizeRequest& request) {
-    const JobContext job;
-    const auto result = client_->Voxelize(bytes, MeshFormat::kAuto, request, job);
-    EXPECT_TRUE(result.ok()) << result.status();
-    return result.ok() ? result->content_sha256 : "";
-  }
-  std::string HashOfStored(const std::string& name, const VoxelizeRequest& request,
-                           std::span<const float> positions = {}) {
-    const JobContext job;
-    const auto result = client_->VoxelizeStored(name, request, job, positions);
-    EXPECT_TRUE(result.ok()) << result.status();
-    return result.ok() ? result->content_sha256 : "";
-  }
-
-  const std::vector<uint8_t> glb_ = TorusGlb(12);
-  const JobContext job_;
-  std::unique_ptr<ServerProcess> server_;
-  std::unique_ptr<Client> client_;
-  std::unique_ptr<v1::VoxelizationService::Stub> stub_;
-};
-
 v1::UploadMeshRequest Begin(const std::string& expected_id = "") {
   v1::UploadMeshRequest message;
   message.mutable_upload()->set_expected_id(expected_id);
@@ -99,21 +48,6 @@ v1::UploadMeshRequest Piece(const std::vector<uint8_t>& bytes) {
   v1::UploadMeshRequest message;
   message.set_piece(bytes.data(), bytes.size());
   return message;
-}
-
-// Shaders that read nothing, textures of one kind, and textures of another; with a fill, and as buckets.
-std::vector<VoxelizeRequest> Requests() {
-  std::vector<VoxelizeRequest> requests(4, SmallRequest());
-  for (size_t i = 1; i < requests.size(); ++i) {
-    TargetSpec& target = requests[i].targets[0];
-    target.format = VoxelFormat::kF32;
-    target.components = 3;
-    target.blend = Blend::kReplace;
-    target.shader = {i == 2 ? "emissive" : "base_color", {}};
-  }
-  requests[0].fill = Fill::kParity;
-  requests[3].result = ResultKind::kBuckets;
-  return requests;
 }
 
 TEST_F(MeshStoreTest, AMeshIsKeptUnderTheHashOfItsBytes) {
@@ -424,91 +358,6 @@ TEST_F(MeshStoreTest, EqualUploadsAtTheSameTimeBecomeOneMesh) {
   const std::vector<uint8_t> large = TorusGlb(150);
   for (int i = 0; i < 8; ++i) uploads.push_back(std::async(std::launch::async, [&] { return Upload(large); }));
   for (auto& upload : uploads) EXPECT_EQ(upload.get().name, NameOf(large));
-}
-
-// Sixteen clients want the same of a mesh that takes a while: one run, sixteen equal answers.
-TEST_F(MeshStoreTest, EqualRequestsAtTheSameTimeAreComputedOnce) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "2"}));
-  const std::vector<uint8_t> slow = LargeTrianglesGlb(LessIfSlow(3000));
-  const std::string name = Upload(slow).name;
-  VoxelizeRequest request = SlowRequest();
-  request.grid.resolution = 128;
-  std::vector<std::future<absl::StatusOr<RemoteResult>>> calls;
-  for (int i = 0; i < 16; ++i) {
-    calls.push_back(std::async(std::launch::async, [&] { return client_->VoxelizeStored(name, request, job_); }));
-  }
-  int computed = 0;
-  std::string hash;
-  for (auto& call : calls) {
-    const auto result = call.get();
-    ASSERT_TRUE(result.ok()) << result.status();
-    if (!result->cached) ++computed;
-    if (hash.empty()) hash = result->content_sha256;
-    EXPECT_EQ(result->content_sha256, hash);
-  }
-  EXPECT_EQ(computed, 1);
-  EXPECT_EQ(HashOfFile(slow, request), hash);
-}
-
-TEST_F(MeshStoreTest, WhoCancelsDoesNotDisturbWhoWantsTheSame) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--workers", "1"}));
-  const std::string name = Upload(LargeTrianglesGlb(LessIfSlow(3000))).name;
-  VoxelizeRequest request = SlowRequest();
-  request.grid.resolution = 128;
-  JobContext first_job;
-  std::promise<void> planned;
-  auto first = std::async(std::launch::async, [&] {
-    return client_->VoxelizeStored(name, request, first_job, {}, [&](const Plan&) { planned.set_value(); }).status();
-  });
-  ASSERT_EQ(planned.get_future().wait_for(kPatience), std::future_status::ready);
-  auto second = std::async(std::launch::async, [&] { return client_->VoxelizeStored(name, request, job_); });
-  while (client_->GetMesh(name).value_or(StoredMesh{}).uses < 2) std::this_thread::yield();  // it has asked
-  first_job.Cancel();
-  EXPECT_TRUE(absl::IsCancelled(first.get()));
-  const auto result = second.get();
-  EXPECT_TRUE(result.ok()) << result.status();
-
-  // And when no client waits for it any more, the one worker is free at once.
-  JobContext slow_job;
-  std::promise<void> began;
-  request.grid.resolution = 512;
-  auto slow = std::async(std::launch::async, [&] {
-    return client_->VoxelizeStored(name, request, slow_job, {}, [&](const Plan&) { began.set_value(); }).status();
-  });
-  ASSERT_EQ(began.get_future().wait_for(kPatience), std::future_status::ready);
-  slow_job.Cancel();
-  EXPECT_TRUE(absl::IsCancelled(slow.get()));
-  HashOfStored(name, SmallRequest());
-}
-
-TEST_F(MeshStoreTest, AKeptResultIsTheSameBytes) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--result-cache-bytes", "16MiB"}));
-  const std::string name = Upload(glb_).name;
-  for (const VoxelizeRequest& request : Requests()) {
-    const auto first = client_->VoxelizeStored(name, request, job_),
-               again = client_->VoxelizeStored(name, request, job_);
-    ASSERT_TRUE(first.ok()) << first.status();
-    ASSERT_TRUE(again.ok()) << again.status();
-    EXPECT_FALSE(first->cached);
-    EXPECT_TRUE(again->cached);
-    EXPECT_EQ(first->content_sha256, again->content_sha256);
-    EXPECT_EQ(first->result.grid, again->result.grid);
-    EXPECT_EQ(first->report.triangles, again->report.triangles);
-  }
-}
-
-// Results of several slabs leave while they are made, each for its own client.
-TEST_F(MeshStoreTest, LargeResultsAreStreamedToEachWhoAsks) {
-  ASSERT_NO_FATAL_FAILURE(Start({"--stream-above-mb", "0", "--workers", "2"}));
-  const std::string name = Upload(glb_).name;
-  VoxelizeRequest request = SmallRequest();
-  request.grid.resolution = 96;
-  const std::string expected = HashOfFile(glb_, request);
-  std::vector<std::future<std::string>> hashes;
-  for (int i = 0; i < 4; ++i) {
-    hashes.push_back(std::async(std::launch::async, [&] { return HashOfStored(name, request); }));
-  }
-  for (auto& hash : hashes) EXPECT_EQ(hash.get(), expected);
 }
 
 }  // namespace
