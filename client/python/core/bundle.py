@@ -28,7 +28,7 @@ import sys
 OF_THE_SYSTEM = re.compile(r"(ld-linux.*|lib(c|m|dl|rt|pthread|resolv|util|stdc\+\+|gcc_s))\.so\.\d+|linux-vdso\.so\.1")
 # Loaded by this name while it runs, from its own folder: libtbb's allocator.
 LOADED_BY = {"libtbb.so.12": "libtbbmalloc.so.2"}
-# Compiled in, so that no library tells of them.
+# Compiled in: no library of the wheel names them.
 HEADERS = (
     "libcli11-dev",
     "libdlpack-dev",

@@ -205,7 +205,7 @@ TEST_F(RightsTest, AnAdministratorsDeleteNeedsNoClaim) {
   v1::DeleteMeshResponse deleted;
   ASSERT_TRUE(Delete("boss", name, deleted).ok());
   EXPECT_GT(deleted.freed_bytes(), 0);
-  EXPECT_TRUE(absl::IsNotFound(farm->GetMesh(name).status())) << "whoever has claims";
+  EXPECT_TRUE(absl::IsNotFound(farm->GetMesh(name).status())) << "whatever claims it has";
   EXPECT_TRUE(absl::IsNotFound(Delete("boss", name, deleted)));
 }
 
@@ -215,7 +215,7 @@ TEST_F(RightsTest, OnlyAnAdministratorDeletes) {
   ASSERT_TRUE(farm);
   const std::string name = Upload(*farm, TorusGlb(6));
   v1::DeleteMeshResponse deleted;
-  // Not even its own, and nobody learns by it what there is.
+  // Not even its own; the answer does not say what there is.
   for (const std::string& any : {name, "meshes/" + std::string(64, 'a'), std::string("no name")}) {
     for (const char* client : {"farm", "mill", "eye"}) {
       const absl::Status refused = Delete(client, any, deleted);
