@@ -6,6 +6,7 @@
 #include "gtest/gtest.h"
 #include "many_stream.h"
 #include "service/support/batch_fixture.h"
+#include "support/slowdown.h"
 
 namespace voxelpipe::testing {
 namespace {
@@ -62,7 +63,10 @@ TEST_F(BatchMessagesTest, AnswersLeaveTogether) {
   for (const auto& [id, answer] : answers_) {
     EXPECT_EQ(answer.status.error_code(), grpc::StatusCode::INVALID_ARGUMENT) << id;
   }
-  EXPECT_LT(messages_, 128u);
+  // A sanitizer makes refusing slower than sending: then each answer leaves before the next one is there.
+  if (kSlowdown == 1) {
+    EXPECT_LT(messages_, 128u);
+  }
 }
 
 TEST_F(BatchMessagesTest, AMessageHoldsNoMoreThanItMay) {

@@ -1,4 +1,5 @@
 // What a server sends does not steer the terminal of its client.
+#include <atomic>
 #include <chrono>
 #include <fstream>
 #include <memory>
@@ -119,7 +120,7 @@ class HostileServer final : public v1::VoxelizationService::Service {
   }
 
   std::unique_ptr<v1::VoxelizationService::Stub> real_;
-  bool refuse_ = false;
+  std::atomic<bool> refuse_ = false;
   int port_ = 0;
   std::unique_ptr<grpc::Server> server_;
 };

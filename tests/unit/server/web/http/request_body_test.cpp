@@ -71,6 +71,7 @@ TEST(RequestBodyTest, WaitsForOthersWhereTheBudgetIsUsedUp) {
   EXPECT_EQ(body.status().code(), absl::StatusCode::kResourceExhausted);
   EXPECT_TRUE(RetryDelay(body.status()));
   EXPECT_EQ(budget.used(), uint64_t{10 << 10});
+  budget.Give(10 << 10);
 }
 
 TEST(RequestBodyTest, ATrickleIsIdle) {
