@@ -8,6 +8,7 @@
 #include "mesh/triangle_mesh.h"
 #include "mesh/views/mesh_view.h"
 #include "pipeline/stages/stages.h"
+#include "shaders/interface/motion_run.h"
 
 namespace voxelpipe {
 
@@ -22,7 +23,8 @@ struct HostMesh {
   std::vector<Vec3d> shaded_positions;  // empty under the identity shader, which uses the mesh's own
   std::vector<Vec3f> shaded_normals;
   std::vector<Vec4f> shaded_tangents;
-  std::vector<Vec3f> velocities;  // empty if nothing moves
+  std::vector<Vec3f> velocities;   // empty if nothing moves
+  std::vector<MotionRun> motions;  // of placed meshes; empty if none of them moves by itself
   std::vector<PartView> parts;
   std::vector<MaterialView> materials;
   std::vector<TextureView> textures;

@@ -27,8 +27,26 @@ const std::vector<double>* Given(const ShaderCall& call, const char* name) {
   return found == call.parameters.end() ? nullptr : &found->second;
 }
 
-// True if the call's parameters give a velocity; otherwise there is no velocity array.
-bool GivesVelocities(const BoundRequest& request) {
+// The motions of the placed meshes; empty if none has one.
+std::vector<MotionRun> MotionsOf(const TriangleMesh& mesh) {
+  std::vector<MotionRun> runs;
+  if (!HasMotions(mesh)) return runs;
+  runs.reserve(mesh.placed.size());
+  for (const PlacedEntry& placed : mesh.placed) {
+    if (placed.first_part == mesh.parts.size()) break;  // this mesh and those behind it have no vertices
+    MotionRun run{mesh.parts[placed.first_part].first_vertex, {}};
+    if (placed.motion) {
+      const Vec3d numbers[] = {placed.motion->linear, placed.motion->angular, placed.motion->center};
+      for (int i = 0; i < RigidMotion::kParameters; ++i) run.parameters[i] = numbers[i / 3][i % 3];
+    }
+    runs.push_back(run);
+  }
+  return runs;
+}
+
+// True if the call's parameters, or motions of placed meshes, give a velocity; otherwise there is no velocity array.
+bool GivesVelocities(const BoundRequest& request, const HostMesh& state) {
+  if (!state.motions.empty()) return true;
   for (const char* name : {"linear_velocity", "angular_velocity", "dt"}) {
     const std::vector<double>* given = Given(request.request.vertex_shader, name);
     if (given != nullptr && std::any_of(given->begin(), given->end(), [](double v) { return v != 0; })) return true;
@@ -156,11 +174,23 @@ uint64_t CountOutside(const HostMesh& state, const Box3d& box) {
 
 }  // namespace
 
+namespace {
+
+// "'wheel', " if the part is one of several placed meshes.
+std::string PlacedName(const TriangleMesh& mesh, uint64_t part) {
+  if (mesh.placed.size() < 2) return "";
+  const auto behind = std::upper_bound(mesh.placed.begin(), mesh.placed.end(), part,
+                                       [](uint64_t p, const PlacedEntry& placed) { return p < placed.first_part; });
+  return absl::StrCat("'", std::prev(behind)->name, "', ");
+}
+
+}  // namespace
+
 std::string DescribeVertex(const TriangleMesh& mesh, uint64_t vertex) {
   for (const MeshPart& part : mesh.parts) {
     if (vertex >= part.first_vertex && vertex < part.first_vertex + part.vertex_count) {
-      return absl::StrCat("node ", part.node, ", mesh ", part.mesh, ", primitive ", part.primitive, ", vertex ",
-                          vertex - part.first_vertex);
+      return absl::StrCat(PlacedName(mesh, uint64_t(&part - mesh.parts.data())), "node ", part.node, ", mesh ",
+                          part.mesh, ", primitive ", part.primitive, ", vertex ", vertex - part.first_vertex);
     }
   }
   return absl::StrCat("vertex ", vertex);
@@ -207,6 +237,7 @@ void MakeViews(HostMesh& state) {
   view.part_count = uint32_t(state.parts.size());
   view.material_count = uint32_t(state.materials.size());
   view.texture_count = uint32_t(state.textures.size());
+  state.motions = MotionsOf(mesh);
 }
 
 absl::StatusOr<PosedMesh> MakePose(const HostMesh& state) {
@@ -232,6 +263,10 @@ absl::StatusOr<PosedMesh> MakePose(const HostMesh& state) {
   const double dt = shader.params.value[0];
   if (dt > 0 && !query.animation) return error(absl::InvalidArgumentError("dt needs a time"));
   if (!query.animation && !query.weights) return posed;
+  if (state.mesh.placed.size() > 1 && state.mesh.rig == nullptr) {
+    return error(absl::InvalidArgumentError(
+        "of several placed meshes each must have animations or morph targets, and one has none"));
+  }
   const Rig empty;
   const Rig& rig = state.mesh.rig == nullptr ? empty : *state.mesh.rig;
   auto pose = EvaluatePoseFor(state.job, rig, query);
@@ -273,7 +308,7 @@ VertexWork WorkOf(const HostMesh& state, const PosedMesh& posed) {
   const bool poses = id == VertexShaderId::kMorph || id == VertexShaderId::kSkin;
   VertexWork work;
   work.places = id != VertexShaderId::kIdentity && !(poses && posed.parts.empty());
-  work.moves = GivesVelocities(state.request);
+  work.moves = GivesVelocities(state.request, state);
   return work;
 }
 
@@ -310,7 +345,8 @@ absl::Status ShadeVertices(HostMesh& state) {
         in.posed = &posed->parts[part];
         in.vertex = v - mesh.parts[part].first_vertex;
       }
-      const ShadedVertex out = ShadeVertex(id, in, shader.params);
+      ShadedVertex out = ShadeVertex(id, in, shader.params);
+      if (!state.motions.empty()) AddMotion(state.motions.data(), uint32_t(state.motions.size()), v, out);
       if (moves) state.velocities[v] = {float(out.velocity.x), float(out.velocity.y), float(out.velocity.z)};
       if (same) continue;
       state.shaded_positions[v] = out.position;

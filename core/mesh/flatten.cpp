@@ -455,6 +455,8 @@ absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scen
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory while flattening the scene");
   }
+  mesh.mesh_count = uint32_t(scene.meshes.size());
+  mesh.node_count = uint32_t(scene.nodes.size());
   mesh.warnings = scene.warnings;
   WarnOfNoTriangles(scene, order, mesh);
   mesh.materials = scene.materials;

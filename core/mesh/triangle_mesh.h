@@ -28,6 +28,23 @@ struct MeshPart {
   bool has_uv[2] = {false, false};
 };
 
+// A rigid body's motion, world axes: v = linear + angular x (p - center).
+struct RigidMotionNumbers {
+  Vec3d linear;   // world units a second
+  Vec3d angular;  // radians a second, right-handed
+  Vec3d center;   // world units
+  friend bool operator==(const RigidMotionNumbers&, const RigidMotionNumbers&) = default;
+};
+
+// One mesh of several that were placed together (placed_mesh.h).
+struct PlacedEntry {
+  uint64_t first_part = 0;  // its parts end where those of the next entry begin
+  std::string name;
+  uint32_t label = 1;
+  int32_t priority = 0;
+  std::optional<RigidMotionNumbers> motion;
+};
+
 // Structure of arrays. Triangle ids count from 0 over the flattened scene: default scene, depth first, node, instance,
 // primitive, strip order; degenerate triangles keep theirs. World axes are the file's own (glTF: +Y up, metres,
 // right-handed). An attribute array is empty if no part has the attribute, otherwise it has positions.size() elements
@@ -45,7 +62,10 @@ struct TriangleMesh {
   std::vector<std::array<uint32_t, 3>> triangles;
   // Ids of the vertices that no triangle uses, ascending. Absent if not known; the box is then computed over triangles.
   std::optional<std::vector<uint32_t>> unused_vertices;
-  std::vector<MeshPart> parts;  // ascending, covering all triangles and all vertices exactly once
+  std::vector<MeshPart> parts;      // ascending, covering all triangles and all vertices exactly once
+  std::vector<PlacedEntry> placed;  // empty: one mesh, as its file has it
+  // The number of meshes and nodes of the file, drawn or not. Where it is too small, the largest id in `parts` decides.
+  uint32_t mesh_count = 0, node_count = 0;
   std::vector<Material> materials;
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;  // shared with the Scene; decoded by PrepareTextures
@@ -59,6 +79,9 @@ struct TriangleMesh {
   // The charge for all but the images to the budget of the request that made it; null: not charged. Copies share it.
   std::shared_ptr<MemoryCharge> memory{};
 };
+
+// True if a placed mesh has a motion of its own.
+bool HasMotions(const TriangleMesh& mesh);
 
 // Releases the charges of the mesh and its images to a request's budget, for a caller that keeps the mesh longer than
 // the request and counts it itself.

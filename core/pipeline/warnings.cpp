@@ -48,11 +48,11 @@ bool RoundsFractions(const TargetSpec& target) {
          GivesFractions(target.shader);
 }
 
-void AddTargetWarnings(const VoxelizeRequest& request, WarningList& warnings) {
+void AddTargetWarnings(const VoxelizeRequest& request, bool bodies_move, WarningList& warnings) {
   for (size_t t = 0; t < request.targets.size(); ++t) {
     const TargetSpec& target = request.targets[t];
     const std::string place = absl::StrCat("targets[", t, "]");
-    if (request.fill != Fill::kNone && !HasFillValue(request, target)) {
+    if (request.fill != Fill::kNone && !HasFillValue(request, target, bodies_move)) {
       warnings.Add(WarningCode::kFillHasNoValue, place,
                    absl::StrCat("'", target.shader.name, "' has no value without a triangle: filled voxels hold ",
                                 target.clear, "; the target's fill=... gives them another"));
@@ -102,7 +102,7 @@ void WarnIfOutside(const JobContext& job, const TriangleMesh& mesh, const Voxeli
 WarningList WarningsOf(const TriangleMesh& mesh, const VoxelizeRequest& request) {
   WarningList warnings = mesh.warnings;
   AddTextureWarnings(mesh, TexturesRead(request), warnings);
-  if (!mesh.triangles.empty()) AddTargetWarnings(request, warnings);
+  if (!mesh.triangles.empty()) AddTargetWarnings(request, HasMotions(mesh), warnings);
   return warnings;
 }
 

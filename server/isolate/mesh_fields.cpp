@@ -187,6 +187,8 @@ void Parts(ArchiveReader& archive, std::vector<MeshPart>& parts) {
 template <typename A, typename M>
 void TexturesOf(A& archive, M& mesh) {
   Parts(archive, mesh.parts);
+  archive.Value(mesh.mesh_count);
+  archive.Value(mesh.node_count);
   archive.Each(mesh.materials, 100, [](A& a, auto& material) { MaterialFields(a, material); });
   archive.Each(mesh.textures, 9, [](A& a, auto& texture) { TextureField(a, texture); });
   Images(archive, mesh.images);

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "shaders/interface/motion_run.h"
 #include "shaders/interface/vertex.h"
 
 namespace voxelpipe::cuda {
@@ -18,6 +19,8 @@ struct VertexArgs {
       nullptr;  // one per part of the mesh, replaces the arrays above; null: the request has no pose
   const uint64_t* first_vertex = nullptr;  // per part of the mesh
   uint32_t part_count = 0;
+  const MotionRun* motions = nullptr;  // of placed meshes; null: none of them moves by itself
+  uint32_t motion_count = 0;
   Vec3d* shaded_positions = nullptr;
   Vec3f* shaded_normals = nullptr;
   Vec4f* shaded_tangents = nullptr;

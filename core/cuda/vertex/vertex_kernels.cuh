@@ -34,7 +34,8 @@ __global__ void __launch_bounds__(kVertexThreads) ShadeVertices(const __grid_con
     in.posed = args.posed + lo;
     in.vertex = v - args.first_vertex[lo];
   }
-  const ShadedVertex out = ShadeVertex(VertexShaderId(kShader), in, args.params);
+  ShadedVertex out = ShadeVertex(VertexShaderId(kShader), in, args.params);
+  if (args.motions != nullptr) AddMotion(args.motions, args.motion_count, v, out);
   if (args.shaded_positions != nullptr) args.shaded_positions[v] = out.position;
   if (args.shaded_normals != nullptr) args.shaded_normals[v] = out.normal;
   if (args.shaded_tangents != nullptr) args.shaded_tangents[v] = out.tangent;

@@ -181,7 +181,13 @@ absl::Status ShadeOnDevice(RunState& state, const PosedMesh& posed, const Vertex
     there.normals = args.shaded_normals;
     there.tangents = args.shaded_tangents;
   }
-  if (moves) VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.velocities, args.velocities));
+  DeviceArray<MotionRun> motions;
+  if (moves) {
+    VOXELPIPE_OK_OR_RETURN(MakeRoom(state, mesh.velocities, args.velocities));
+    VOXELPIPE_OK_OR_RETURN(motions.Upload(state.host.motions, state.stream));
+    if (!state.host.motions.empty()) args.motions = motions.data();
+    args.motion_count = uint32_t(state.host.motions.size());
+  }
   there.velocities = args.velocities;
   VOXELPIPE_OK_OR_RETURN(RunVertexShader(state, shader, args));
   if (!shading) {  // only the shader needed them

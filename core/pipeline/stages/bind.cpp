@@ -10,6 +10,7 @@ absl::StatusOr<BoundRequest> BindRequest(const TriangleMesh& mesh, const Voxeliz
   if (absl::Status s = ValidateRequest(request); !s.ok()) return s;
   BoundRequest bound;
   bound.request = request;
+  bound.bodies_move = HasMotions(mesh);
   auto vertex = BindShader(ShaderStage::kVertex, request.vertex_shader);
   if (!vertex.ok()) return vertex.status();
   bound.vertex_shader = *vertex;

@@ -37,6 +37,7 @@ struct BoundRequest {
   VoxelizeRequest request;
   BoundShader vertex_shader;
   std::vector<BoundShader> fragment_shaders;  // one a target
+  bool bodies_move = false;                   // HasMotions of the mesh
 };
 
 // Layers begin <= z < end of the grid; both multiples of kSlabGranularity, but for the last slab's end.

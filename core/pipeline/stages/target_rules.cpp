@@ -54,10 +54,10 @@ bool FillBit(const TargetSpec& spec) {
   return spec.fill_values.empty() || spec.fill_values[0] != 0;
 }
 
-bool HasFillValue(const VoxelizeRequest& request, const TargetSpec& spec) {
+bool HasFillValue(const VoxelizeRequest& request, const TargetSpec& spec, bool bodies_move) {
   if (spec.format == VoxelFormat::kBit || !spec.fill_values.empty() || spec.blend == Blend::kCount) return true;
   const std::string& shader = spec.shader.name;
-  if (shader == "velocity") return !GivesVelocities(request.vertex_shader);
+  if (shader == "velocity") return !bodies_move && !GivesVelocities(request.vertex_shader);
   return shader == "occupancy" || shader == "constant" || shader == "position" || shader == "checker";
 }
 
@@ -80,7 +80,7 @@ FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec&
     return fill;
   }
   if (spec.blend == Blend::kCount) return fill;
-  if (!HasFillValue(request.request, spec)) {
+  if (!HasFillValue(request.request, spec, request.bodies_move)) {
     for (uint32_t& stored : fill.stored) StoreNumber(spec.clear, spec, stored);
     return fill;
   }

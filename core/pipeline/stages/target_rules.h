@@ -17,8 +17,8 @@ double ScaleOf(const TargetSpec& spec, const BoundShader& shader);
 bool FillBit(const TargetSpec& spec);
 
 // False if filled voxels without a fragment hold the target's `clear`: the request gives them no value, and the shader
-// has none without a triangle.
-bool HasFillValue(const VoxelizeRequest& request, const TargetSpec& spec);
+// has none without a triangle. `bodies_move`: placed meshes have motions of their own, so that a place has none.
+bool HasFillValue(const VoxelizeRequest& request, const TargetSpec& spec, bool bodies_move);
 
 // What filled voxels without a fragment hold of the request's target number `index`.
 FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec& grid);
