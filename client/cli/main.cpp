@@ -12,6 +12,7 @@
 #include "engine/interrupt.h"
 #include "engine/report.h"
 #include "options/server_access.h"
+#include "options/together.h"
 
 namespace {
 
@@ -54,7 +55,7 @@ int main(int argc, char** argv) {
     absl::SetMutexDeadlockDetectionMode(absl::OnDeadlockCycle::kIgnore);
     HandleInterrupts();
     voxelpipe::LimitThreadsToCpus();
-    if (const auto stop = app.Parse({argv + 1, argv + argc}); stop) {
+    if (const auto stop = app.Parse(WithTogetherValue({argv + 1, argv + argc})); stop) {
       if (stop->kind == voxelpipe::ParseStop::Kind::kAnswered) {
         std::fputs(stop->text.c_str(), stdout);
         return 0;

@@ -45,6 +45,8 @@ bool IsControl(uint32_t code) {
 }  // namespace
 
 std::string CleanText(std::string_view text, size_t max_bytes) {
+  const auto printable = [](char c) { return c >= ' ' && c <= '~'; };
+  if (text.size() <= max_bytes && std::all_of(text.begin(), text.end(), printable)) return std::string(text);
   constexpr std::string_view kCut = "...";
   std::string clean;
   clean.reserve(text.size() < max_bytes ? text.size() : max_bytes);

@@ -54,8 +54,8 @@ uint64_t CountUnion(const BitGrid& a, const BitGrid& b) {
   return tbb::parallel_reduce(
       tbb::blocked_range<int64_t>(0, a.rows(), 256), uint64_t{0},
       [&](const tbb::blocked_range<int64_t>& range, uint64_t count) {
-        for (int64_t r = range.begin(); r < range.end(); ++r) count += CountUnion(a.row(r), b.row(r));
-        return count;
+        const auto words = size_t((range.end() - range.begin()) * a.words_per_row());
+        return count + CountUnion({a.row(range.begin()).data(), words}, {b.row(range.begin()).data(), words});
       },
       std::plus<>());
 }

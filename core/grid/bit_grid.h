@@ -53,7 +53,7 @@ uint64_t CountBits(const BitGrid& grid);
 
 // Number of bits set in at least one of two grids of the same dims.
 uint64_t CountUnion(const BitGrid& a, const BitGrid& b);
-// The same for two rows of the same size.
+// The same for two runs of rows of the same size.
 uint64_t CountUnion(std::span<const uint32_t> a, std::span<const uint32_t> b);
 
 // In: a callback that returns word w of row r. Out: the packed bits of the linear order, no row padding, bit n in byte

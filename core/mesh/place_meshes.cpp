@@ -8,9 +8,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "base/checked_math.h"
 #include "base/long_loops.h"
-#include "base/text.h"
 #include "mesh/place_parts.h"
 #include "mesh/placed_mesh.h"
 #include "mesh/scene/vertex_pose.h"

@@ -145,21 +145,32 @@ class Run {
     return !changed_.wait_until(lock, time, [this] { return stopping_; });
   }
 
-  // An input in memory, and the key of its outputs.
+  // The inputs in memory, and the key of their outputs.
   struct Prepared {
-    MeshInput mesh;
+    MeshInputs meshes;
     std::string key;
   };
 
   absl::StatusOr<Prepared> Prepare(const BatchItem& item, const JobContext& job) const {
-    absl::StatusOr<MeshInput> mesh =
-        ReadMeshInput(item.input, {{plan_.allow_outside, TexturesRead(item.request->request)}, item.type}, job);
-    if (!mesh.ok()) {
-      return absl::Status(mesh.status().code(), absl::StrCat(item.input, ": ", std::string(mesh.status().message())));
+    const bool several = !item.meshes.paths.empty();
+    Prepared prepared;
+    std::string hashes;
+    for (const std::string& path : several ? item.meshes.paths : std::vector<std::string>{item.input}) {
+      absl::StatusOr<MeshInput> mesh =
+          ReadMeshInput(path, {{plan_.allow_outside, TexturesRead(item.request->request)}, item.type}, job);
+      if (!mesh.ok()) {
+        return absl::Status(mesh.status().code(), absl::StrCat(path, ": ", std::string(mesh.status().message())));
+      }
+      absl::StrAppend(&hashes, Sha256Hex(mesh->bytes));
+      prepared.meshes.files.push_back(*std::move(mesh));
     }
-    absl::StatusOr<std::string> key = ItemKey(item, Sha256Hex(mesh->bytes));
+    prepared.meshes.placed = item.meshes.placed;
+    if (several) absl::StrAppend(&hashes, PlacingText(item.meshes.placed));
+    const std::span<const uint8_t> text(reinterpret_cast<const uint8_t*>(hashes.data()), hashes.size());
+    absl::StatusOr<std::string> key = ItemKey(item, several ? Sha256Hex(text) : hashes);
     if (!key.ok()) return key.status();
-    return Prepared{*std::move(mesh), *std::move(key)};
+    prepared.key = *std::move(key);
+    return prepared;
   }
 
   // True if everything that the item writes stays in the output directory.
@@ -296,7 +307,7 @@ class Run {
     files.view = item.view;
     VoxelizeReport made;
     const absl::StatusOr<EngineRun> run =
-        RunToFiles(engine, std::move(prepared.mesh), item.request->request, 1, files, job, made);
+        RunToFiles(engine, std::move(prepared.meshes), item.request->request, 1, files, job, made);
     if (!run.ok()) return {run.status(), true};
     DoneRecord record;
     record.key = std::move(prepared.key);

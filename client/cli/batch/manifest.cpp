@@ -21,6 +21,7 @@
 #include "encode/format_registry.h"
 #include "engine/hash.h"
 #include "options/standard_streams.h"
+#include "options/together.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -180,14 +181,6 @@ absl::Status CheckFormat(const std::string& extension, const VoxelizeRequest& re
   return CheckHolds(extension, request.result, request.targets.size());
 }
 
-std::string FindInput(const fs::path& directory, const std::string& input) {
-  const fs::path path(input);
-  if (path.is_absolute()) return input;
-  std::error_code ignored;
-  const fs::path beside = directory / path;
-  return fs::exists(beside, ignored) || !fs::exists(path, ignored) ? beside.string() : input;
-}
-
 // The canonical text of a request: its options in a fixed order. Equal texts are equal requests; equal requests may
 // have different texts.
 std::string Canonical(const RequestOptions& options) {
@@ -236,13 +229,22 @@ class Reader {
     for (const auto& [typed, value] : object.items()) {
       std::string key = typed;
       std::replace(key.begin(), key.end(), '-', '_');
+      if (key == "meshes") continue;
       const absl::StatusOr<bool> is_option = SetOption(key, value, options, set);
       if (!is_option.ok()) return is_option.status();
       if (*is_option) continue;
       if (absl::Status s = SetName(key, value, names); !s.ok()) return s;
     }
     if (object.contains("grid_like") || object.contains("grid-like")) {
-      options.grid_like = FindInput(directory_, *options.grid_like);
+      options.grid_like = FindBeside(directory_.string(), *options.grid_like);
+    }
+    Together meshes;
+    if (const auto several = object.find("meshes"); several != object.end()) {
+      if (names.input) return Wrong("'input' and 'meshes' exclude each other");
+      absl::StatusOr<Together> together = ParseTogether(*several, directory_.string());
+      if (!together.ok()) return together.status();
+      meshes = *std::move(together);
+      names.input = meshes.paths[0];
     }
     if (!names.input) return Wrong("'input' is missing");
     if (IsStandardStream(*names.input)) return Wrong("'input': '-' is standard input; name a file (./- has this name)");
@@ -254,7 +256,8 @@ class Reader {
     BatchItem item;
     item.line = line;
     item.request = *std::move(request);
-    item.input = FindInput(directory_, *names.input);
+    item.input = meshes.paths.empty() ? FindBeside(directory_.string(), *names.input) : meshes.paths[0];
+    item.meshes = std::move(meshes);
     const absl::StatusOr<MeshFileType> type =
         MeshTypeOf(names.input_format.value_or(defaults_.mesh.input_format), names.unit.value_or(defaults_.mesh.unit));
     if (!type.ok()) return type.status();

@@ -12,6 +12,7 @@
 #include "encode/preview/preview_view.h"
 #include "job/request.h"
 #include "options/mesh_type.h"
+#include "options/together.h"
 #include "request_text/request_options.h"
 
 namespace voxelpipe::cli {
@@ -36,7 +37,8 @@ struct BatchRequest {
 struct BatchItem {
   size_t line = 0;                              // in the manifest, from 1
   std::string id;                               // as given, otherwise the output's name without its extension
-  std::string input;                            // path of the mesh file
+  std::string input;                            // path of the mesh file, or of the first of `meshes`
+  Together meshes;                              // several on one grid; otherwise without paths
   MeshFileType type;                            // of that file
   std::string output;                           // of the result, relative to the output directory, '/' between parts
   std::string preview;                          // of the picture, relative in the same way; empty = none
@@ -55,8 +57,9 @@ struct ManifestDefaults {
   MeshFlags mesh;
 };
 
-// In: the path of a manifest. Each line is an object, or blank. Its keys, all optional but `input`:
+// In: the path of a manifest. Each line is an object, or blank. Its keys, all optional but `input` or `meshes`:
 //   input    mesh file; a relative path is searched in the manifest's directory, then in the working directory
+//   meshes   several on one grid instead, as ParseTogether takes them
 //   id       a name, unique ("name" means the same)
 //   output   the result's file below the output directory; default: the id, otherwise the input's stem, with the
 //            extension of the format

@@ -20,6 +20,7 @@
 #include "options/output_plan.h"
 #include "options/request_flags.h"
 #include "options/standard_streams.h"
+#include "options/together.h"
 #include "request_text/request_options.h"
 
 namespace voxelpipe::cli {
@@ -28,6 +29,7 @@ namespace {
 struct VoxelizeArguments {
   std::vector<std::string> inputs;
   OutputNames names;
+  std::string together;  // a list file, kTogetherInputs, or empty
   std::string server, progress = "auto";
   RequestOptions request;
   int repeat = 1;
@@ -35,26 +37,45 @@ struct VoxelizeArguments {
   MeshFlags mesh;
 };
 
-absl::Status VoxelizeOne(Engine& engine, const std::string& input, const OutputPlan& plan,
+// The files of one run: one, or those of several meshes on one grid.
+struct RunInputs {
+  std::string name;  // for reports
+  Together meshes;   // `placed` empty: one file, as it is
+};
+
+absl::StatusOr<MeshInputs> ReadInputs(RunInputs inputs, const MeshReading& reading, const JobContext& job) {
+  MeshInputs read;
+  for (const std::string& path : inputs.meshes.paths) {
+    absl::StatusOr<MeshInput> mesh = ReadMeshInput(path, reading, job);
+    const bool several = !inputs.meshes.placed.empty();
+    if (!mesh.ok()) {
+      const std::string hint = absl::IsNotFound(mesh.status()) ? MissingFileHint(path) : "";
+      return absl::Status(mesh.status().code(), absl::StrCat(several ? absl::StrCat(InputName(path), ": ") : "",
+                                                             std::string(mesh.status().message()), hint));
+    }
+    read.files.push_back(*std::move(mesh));
+  }
+  read.placed = std::move(inputs.meshes.placed);
+  return read;
+}
+
+absl::Status VoxelizeOne(Engine& engine, const RunInputs& inputs, const OutputPlan& plan,
                          const VoxelizeRequest& request, const VoxelizeArguments& arguments, ProgressView& view) {
   JobContext job([&view](std::string_view stage, double fraction) { view.Show(stage, fraction); });
   const CancelOnInterrupt cancel(job);
   try {
     const absl::StatusOr<MeshFileType> type = MeshTypeOf(arguments.mesh.input_format, arguments.mesh.unit);
     if (!type.ok()) return type.status();
-    absl::StatusOr<MeshInput> mesh =
-        ReadMeshInput(input, {{arguments.mesh.allow_outside, TexturesRead(request)}, *type}, job);
-    if (absl::IsNotFound(mesh.status())) {
-      return absl::NotFoundError(absl::StrCat(std::string(mesh.status().message()), MissingFileHint(input)));
-    }
-    if (!mesh.ok()) return mesh.status();
+    absl::StatusOr<MeshInputs> meshes =
+        ReadInputs(inputs, {{arguments.mesh.allow_outside, TexturesRead(request)}, *type}, job);
+    if (!meshes.ok()) return meshes.status();
     VoxelizeReport report;
-    report.input = input;
-    const absl::StatusOr<EngineRun> run = RunToFiles(engine, *std::move(mesh), request, arguments.repeat, plan, job,
+    report.input = inputs.name;
+    const absl::StatusOr<EngineRun> run = RunToFiles(engine, *std::move(meshes), request, arguments.repeat, plan, job,
                                                      report, [&view](uint64_t voxels) { view.set_voxels(voxels); });
     if (!run.ok()) return run.status();
     view.Clear();
-    PrintWarnings(InputName(input), run->warnings);
+    PrintWarnings(InputName(inputs.name), run->warnings);
     const Lines summary = arguments.json ? Lines{JsonText(VoxelizeJson(*run, report))} : VoxelizeTable(*run, report);
     if (plan.standard_output.empty()) return PrintLines(summary);
     for (const std::string& line : summary) WriteLine(stderr, line);  // the result is on standard output
@@ -82,30 +103,79 @@ std::string ExtensionOf(const OutputNames& names) {
   return extension.empty() ? FileExtension("x." + names.format) : extension;
 }
 
+// What the command runs, one after the other, and the outputs of each.
+struct Runs {
+  std::vector<RunInputs> inputs;
+  std::vector<OutputPlan> plans;
+};
+
+absl::StatusOr<Together> TogetherOf(const VoxelizeArguments& arguments) {
+  if (arguments.together != kTogetherInputs) {
+    if (FileExtension(arguments.together) != ".json") {
+      return absl::InvalidArgumentError(absl::StrCat("--together: '", arguments.together, "' is no LIST.json"));
+    }
+    if (!arguments.inputs.empty()) {
+      return absl::InvalidArgumentError("--together LIST.json names the meshes itself: give no IN beside it");
+    }
+    return ReadTogether(arguments.together);
+  }
+  const absl::StatusOr<InputList> inputs = ExpandInputs(arguments.inputs, arguments.recursive);
+  if (!inputs.ok()) return inputs.status();
+  std::vector<std::string> paths;
+  for (const InputFile& file : inputs->files) paths.push_back(file.path);
+  return cli::TogetherOf(paths);
+}
+
+absl::StatusOr<Runs> PlanRuns(const VoxelizeArguments& arguments, const VoxelizeRequest& request) {
+  const auto plan = [&](const InputList& inputs) {
+    return PlanOutputs(inputs, arguments.names, request.result, request.targets.size());
+  };
+  Runs runs;
+  if (arguments.together.empty()) {
+    const absl::StatusOr<InputList> inputs = ExpandInputs(arguments.inputs, arguments.recursive);
+    if (!inputs.ok()) return inputs.status();
+    absl::StatusOr<std::vector<OutputPlan>> plans = plan(*inputs);
+    if (!plans.ok()) return plans.status();
+    for (const InputFile& file : inputs->files) runs.inputs.push_back({file.path, {{file.path}, {}}});
+    runs.plans = *std::move(plans);
+    return runs;
+  }
+  absl::StatusOr<Together> together = TogetherOf(arguments);
+  if (!together.ok()) return together.status();
+  for (const std::string& path : together->paths) {  // the output is none of the inputs
+    const absl::StatusOr<std::vector<OutputPlan>> plans = plan({{{path, "together"}}, false});
+    if (!plans.ok()) return plans.status();
+    runs.plans = *plans;
+  }
+  std::string name = arguments.together == kTogetherInputs ? NameOf(*together) : arguments.together;
+  runs.inputs.push_back({std::move(name), *std::move(together)});
+  return runs;
+}
+
 int Voxelize(VoxelizeArguments arguments) {
   const auto wrong_option = [](const absl::Status& status) {
     PrintError("", status);
     return 2;
   };
+  if (arguments.inputs.empty() && (arguments.together.empty() || arguments.together == kTogetherInputs)) {
+    return wrong_option(absl::InvalidArgumentError("IN is required; see 'voxelpipe voxelize --help'"));
+  }
   if (arguments.repeat < 1) return wrong_option(absl::InvalidArgumentError("--repeat: at least 1"));
   arguments.request.output_extension = ExtensionOf(arguments.names);
   const absl::StatusOr<VoxelizeRequest> request = BuildRequest(arguments.request);
   if (!request.ok()) return wrong_option(request.status());
-  const absl::StatusOr<InputList> inputs = ExpandInputs(arguments.inputs, arguments.recursive);
-  if (!inputs.ok()) return wrong_option(inputs.status());
-  const absl::StatusOr<std::vector<OutputPlan>> plans =
-      PlanOutputs(*inputs, arguments.names, request->result, request->targets.size());
-  if (!plans.ok()) return wrong_option(plans.status());
+  const absl::StatusOr<Runs> runs = PlanRuns(arguments, *request);
+  if (!runs.ok()) return wrong_option(runs.status());
   if (absl::Status s = CheckStreams(arguments); !s.ok()) return wrong_option(s);
   const absl::StatusOr<std::unique_ptr<Engine>> engine = MakeEngine(arguments.server);
   if (!engine.ok()) return wrong_option(engine.status());
 
   int exit_code = 0;
-  ProgressView view(arguments.progress, inputs->files.size());
-  for (size_t i = 0; i < inputs->files.size(); ++i) {
-    const std::string& path = inputs->files[i].path;
+  ProgressView view(arguments.progress, runs->inputs.size());
+  for (size_t i = 0; i < runs->inputs.size(); ++i) {
+    const std::string& path = runs->inputs[i].name;
     view.Begin(i + 1);
-    const absl::Status status = VoxelizeOne(**engine, path, (*plans)[i], *request, arguments, view);
+    const absl::Status status = VoxelizeOne(**engine, runs->inputs[i], runs->plans[i], *request, arguments, view);
     view.End(!status.ok());
     view.Clear();
     if (const int signal = InterruptSignal(); signal != 0) {
@@ -130,8 +200,12 @@ void AddVoxelizeCommand(Command& app, int& exit_code) {
                  Wrapped("Mesh files: .glb, .gltf, .drc, .stl, .ply, .off, .obj, .3mf; - is standard input. Also "
                          "directories, for the meshes in "
                          "them, and quoted patterns of *, ? and ** (any directories), as in 'meshes/**/*.glb'"))
-      .Required()
       .Type("");
+  command
+      .AddOption("--together", arguments->together,
+                 Wrapped("Voxelize all meshes on one grid: those of IN where they are, or those of LIST.json, "
+                         "{\"meshes\": [{\"input\", \"matrix\", \"name\", \"label\", \"priority\", \"motion\"}]}"))
+      .Type("[LIST.json]");
   command.AddFlag("--recursive", arguments->recursive, "Also the meshes in the directories below those of IN");
   command
       .AddOption("-o,--output", arguments->names.output,

@@ -14,6 +14,7 @@
 #include "load/file_bytes.h"
 #include "load/load_mesh.h"
 #include "load/pack.h"
+#include "mesh/placed_mesh.h"
 #include "pipeline/voxelize.h"
 #include "shaders/catalog.h"
 
@@ -46,6 +47,18 @@ struct MeshInput {
   MeshFileType type{};     // its format kAuto if the content shows it
 };
 
+// A mesh of several on one grid: `placement.mesh` is set when the file is loaded.
+struct PlacedInput {
+  size_t file = 0;  // index into MeshInputs::files
+  PlacedMesh placement;
+};
+
+// The meshes of one run.
+struct MeshInputs {
+  std::vector<MeshInput> files;     // each once; at least one
+  std::vector<PlacedInput> placed;  // empty: files[0], as it is
+};
+
 // How the file of a mesh is to be read.
 struct MeshReading {
   OutsideFiles outside{};
@@ -64,9 +77,9 @@ class Engine {
  public:
   virtual ~Engine() = default;
 
-  // Voxelizes the mesh `repeat` times (at least once), and writes the result of the last run to `sink`; all runs give
+  // Voxelizes the meshes `repeat` times (at least once), and writes the result of the last run to `sink`; all runs give
   // the same bytes. A single dense run needs memory for a part of its result only, unless `whole` receives all of it.
-  virtual absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
+  virtual absl::StatusOr<EngineRun> Run(MeshInputs meshes, const VoxelizeRequest& request, int repeat, JobContext& job,
                                         ResultSink& sink, VoxelizeResult* whole = nullptr) = 0;
   virtual absl::StatusOr<std::vector<ShaderInfo>> Shaders() = 0;
 };

@@ -1,22 +1,60 @@
 // The core in this process.
 #include <algorithm>
+#include <memory>
 
+#include "engine/clock.h"
 #include "engine/engine.h"
+#include "mesh/placed_mesh.h"
 #include "mesh/report.h"
 
 namespace voxelpipe::cli {
 
 namespace {
 
+// The mesh of a run, and what it took to make it.
+struct RunMesh {
+  TriangleMesh mesh;
+  std::vector<std::pair<std::string, double>> stages;  // milliseconds
+};
+
+absl::StatusOr<RunMesh> Load(MeshInputs inputs, const TextureUse& use, const JobContext& job) {
+  double load_ms = 0, flatten_ms = 0;
+  std::vector<std::shared_ptr<TriangleMesh>> meshes;
+  for (MeshInput& input : inputs.files) {
+    absl::StatusOr<LoadedMesh> loaded = LoadMeshInput(std::move(input), use, job);
+    if (!loaded.ok()) return loaded.status();
+    load_ms += loaded->load_ms;
+    flatten_ms += loaded->flatten_ms;
+    meshes.push_back(std::make_shared<TriangleMesh>(std::move(loaded->mesh)));
+  }
+  RunMesh made{{}, {{"load", load_ms}, {"flatten", flatten_ms}}};
+  if (inputs.placed.empty()) {
+    made.mesh = std::move(*meshes[0]);
+    return made;
+  }
+  const Stopwatch clock;
+  std::vector<PlacedMesh> placed;
+  placed.reserve(inputs.placed.size());
+  for (PlacedInput& input : inputs.placed) {
+    placed.push_back(std::move(input.placement));
+    placed.back().mesh = meshes[input.file];
+  }
+  absl::StatusOr<TriangleMesh> together = PlaceMeshes(job, placed);
+  if (!together.ok()) return together.status();
+  made.mesh = *std::move(together);
+  made.stages.emplace_back("place", clock.Milliseconds());
+  return made;
+}
+
 class LocalEngine : public Engine {
  public:
-  absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
+  absl::StatusOr<EngineRun> Run(MeshInputs meshes, const VoxelizeRequest& request, int repeat, JobContext& job,
                                 ResultSink& sink, VoxelizeResult* whole) override {
-    absl::StatusOr<LoadedMesh> loaded = LoadMeshInput(std::move(mesh), TexturesRead(request), job);
+    absl::StatusOr<RunMesh> loaded = Load(std::move(meshes), TexturesRead(request), job);
     if (!loaded.ok()) return loaded.status();
     const PlanLimits limits = LimitsInProcess(job);
     EngineRun run;
-    run.mesh_stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
+    run.mesh_stages = std::move(loaded->stages);
     if (repeat == 1 && whole == nullptr) {
       absl::StatusOr<VoxelizeStats> stats = VoxelizeTo(loaded->mesh, request, {job, limits}, sink);
       if (!stats.ok()) return stats.status();

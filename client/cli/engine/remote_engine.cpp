@@ -38,10 +38,12 @@ class RemoteEngine : public Engine {
  public:
   RemoteEngine(std::string target, int retries) : target_(std::move(target)), retries_(retries) {}
 
-  absl::StatusOr<EngineRun> Run(MeshInput mesh, const VoxelizeRequest& request, int repeat, JobContext& job,
+  absl::StatusOr<EngineRun> Run(MeshInputs meshes, const VoxelizeRequest& request, int repeat, JobContext& job,
                                 ResultSink& sink, VoxelizeResult* whole) override {
     // Sibling files are packed in: the server cannot read this machine's disk.
     if (absl::Status status = Connect(); !status.ok()) return status;
+    if (!meshes.placed.empty()) return absl::UnimplementedError("--together: not on a server yet");
+    MeshInput& mesh = meshes.files[0];
     EngineRun run;
     run.server_peak_bytes = 0;
     const auto add = [&](RemoteRun& remote) {

@@ -98,7 +98,7 @@ class TimedSink final : public ResultSink {
 
 }  // namespace
 
-absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const VoxelizeRequest& request, int repeat,
+absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInputs meshes, const VoxelizeRequest& request, int repeat,
                                      const OutputPlan& plan, JobContext& job, VoxelizeReport& report,
                                      const OnGrid& on_grid) {
   absl::StatusOr<std::unique_ptr<ResultFile>> opened = OpenFile(plan, job);
@@ -109,9 +109,10 @@ absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInput mesh, const Voxel
   TimedSink timed(file.get(), on_grid);
   HashingSink sink(&timed);
   VoxelizeResult whole;
-  WarningList warnings = std::move(mesh.warnings);
+  WarningList warnings;
+  for (const MeshInput& mesh : meshes.files) warnings.Append(mesh.warnings);
   if (absl::Status s = CheckStrict(request, warnings); !s.ok()) return s;
-  absl::StatusOr<EngineRun> run = engine.Run(std::move(mesh), request, repeat, job, sink, picture ? &whole : nullptr);
+  absl::StatusOr<EngineRun> run = engine.Run(std::move(meshes), request, repeat, job, sink, picture ? &whole : nullptr);
   if (!run.ok()) return run.status();
   warnings.Append(run->runs.back().warnings);
   if (file != nullptr) {

@@ -33,9 +33,8 @@ class LoadBudget {
   // Room in a list for `more` elements. A list that grows does so to twice its size; all of it stays charged.
   template <typename T>
   absl::Status MakeRoom(std::vector<T>& list, uint64_t more, std::string_view what) {
-    if (list.capacity() - list.size() >= more) return absl::OkStatus();
-    if (absl::Status over = job_.Check(); !over.ok()) return over;
-    return MakeChargedRoom(charge_, list, more, absl::StrCat(format_, ": ", std::string(what), ":"));
+    if (list.capacity() - list.size() >= more) [[likely]] return absl::OkStatus();  // inline: asked for every element
+    return Grow(list, more, what);
   }
 
   // Frees a list that MakeRoom made room in.
@@ -64,6 +63,11 @@ class LoadBudget {
   std::shared_ptr<MemoryCharge> Release() { return std::make_shared<MemoryCharge>(std::move(charge_)); }
 
  private:
+  template <typename T>
+  [[gnu::noinline]] absl::Status Grow(std::vector<T>& list, uint64_t more, std::string_view what) {
+    if (absl::Status over = job_.Check(); !over.ok()) return over;
+    return MakeChargedRoom(charge_, list, more, absl::StrCat(format_, ": ", std::string(what), ":"));
+  }
   absl::Status CheckCount(uint64_t count, const char* what, uint64_t limit) const {
     if (count <= limit) return absl::OkStatus();
     return absl::ResourceExhaustedError(

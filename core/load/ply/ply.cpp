@@ -280,8 +280,9 @@ class BodyReader {
                         std::vector<uint32_t>& corners) {
     const absl::StatusOr<uint64_t> count = ListCount(element, row, property);
     if (!count.ok()) return count.status();
-    corners.clear();
-    if (absl::Status full = budget_.MakeRoom(corners, *count, "a face"); !full.ok()) return full;
+    // `corners` only grows: it holds the longest face so far.
+    const uint64_t more = *count - std::min<uint64_t>(*count, corners.size());
+    if (absl::Status full = budget_.MakeRoom(corners, more, "a face"); !full.ok()) return full;
     for (uint64_t i = 0; i < *count; ++i) {
       if (i == corners.size()) {  // in steps: to touch all of the room at once takes long
         if (i > 0) {
@@ -295,11 +296,12 @@ class BodyReader {
       corners[i] = uint32_t(index);
     }
     if (*count < 3) ++few_corners_;
-    if (out_.positions.size() == vertices_) return polygons_.Add(corners, out_);
+    const auto face = std::span<const uint32_t>(corners).first(*count);
+    if (out_.positions.size() == vertices_) return polygons_.Add(face, out_);
     // The vertices come later, and without them a polygon has no triangles.
     if (absl::Status full = budget_.MakeRoom(waiting_, *count + 1, "faces"); !full.ok()) return full;
     waiting_.push_back(uint32_t(*count));
-    waiting_.insert(waiting_.end(), corners.begin(), corners.end());
+    waiting_.insert(waiting_.end(), face.begin(), face.end());
     return absl::OkStatus();
   }
 
