@@ -6,6 +6,6 @@
 namespace voxelpipe {
 
 // GetServerInfoResponse.contract_revision; grows with each change of the contract.
-inline constexpr int32_t kContractRevision = 1;
+inline constexpr int32_t kContractRevision = 2;
 
 }  // namespace voxelpipe

@@ -9,6 +9,7 @@
 #include "absl/strings/str_cat.h"
 #include "shaders/catalog.h"
 #include "wire/duration.h"
+#include "wire/placed.h"
 
 namespace voxelpipe {
 namespace {
@@ -339,6 +340,12 @@ absl::Status ParseMesh(const v1::MeshSource& mesh, ParsedConfig& out) {
     if (mesh.stored().name().empty()) return Invalid("mesh.stored.name", "is empty");
     out.mesh_name = mesh.stored().name();
     out.new_positions = mesh.stored().has_positions();
+    return absl::OkStatus();
+  }
+  if (mesh.has_placed()) {
+    absl::StatusOr<std::vector<PlacedStored>> placed = ParsePlaced(mesh.placed());
+    if (!placed.ok()) return placed.status();
+    out.placed = std::make_shared<const std::vector<PlacedStored>>(*std::move(placed));
     return absl::OkStatus();
   }
   const absl::StatusOr<MeshFileType> type = ParseMeshType(mesh.bytes().format(), mesh.bytes().unit(), "mesh.bytes.");

@@ -1,14 +1,17 @@
 // Requests: core types <-> messages. Used by the server and by the client.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "job/request.h"
 #include "load/loader.h"
 #include "voxelpipe/v1/voxelization_service.pb.h"
 #include "wire/call_settings.h"
+#include "wire/placed_stored.h"
 
 namespace voxelpipe {
 
@@ -18,8 +21,10 @@ struct ParsedConfig {
   VoxelizeRequest request;  // threads stays 0: clients do not choose it
   CallSettings settings;
   bool default_targets = false, default_result = false;  // the message leaves them open
-  std::string mesh_name;                                 // of a stored mesh; empty: the mesh comes with the request
+  std::string mesh_name;                                 // of a stored mesh; empty: none
   bool new_positions = false;                            // the mesh bytes are positions for the stored mesh
+  // Several stored meshes, with names and labels; null: none. If there is no stored mesh, one comes with the request.
+  std::shared_ptr<const std::vector<PlacedStored>> placed;
 };
 
 v1::MeshFormat ToMessage(MeshFormat format);
@@ -42,7 +47,7 @@ absl::StatusOr<MeshFileType> ParseMeshType(v1::MeshFormat format, v1::LengthUnit
 // In: a message from a client; the bytes of its mesh are not read. Out: the request with every default filled in.
 // ValidateRequest checks shaders and blends. Errors: INVALID_ARGUMENT "field: why" for enum values that this server
 // does not know, a shader parameter given twice, more than kMaxTargets targets, a negative queue time-out or size of a
-// message, or a stored mesh without a name.
+// message, a stored mesh without a name, or what ParsePlaced refuses.
 absl::StatusOr<ParsedConfig> ParseRequest(const v1::VoxelizeRequest& request);
 // Its two parts: a request without a mesh, and the mesh.
 absl::StatusOr<ParsedConfig> ParseRequest(const v1::VoxelizeSpec& spec, const v1::Execution& execution);

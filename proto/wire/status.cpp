@@ -9,10 +9,11 @@
 #include "absl/strings/cord.h"
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
+#include "absl/strings/str_join.h"
+#include "absl/strings/str_split.h"
 #include "base/limit_error.h"
 #include "base/text.h"
 #include "google/rpc/error_details.pb.h"
-#include "google/rpc/status.pb.h"
 #include "voxelpipe/v1/error.pb.h"
 #include "wire/count.h"
 
@@ -23,7 +24,7 @@ using std::chrono::milliseconds;
 
 constexpr char kRetryDelayUrl[] = "voxelpipe/retry_delay_ms";
 constexpr char kQuotaSubjectUrl[] = "voxelpipe/quota_subject";
-constexpr char kMissingMeshUrl[] = "voxelpipe/missing_mesh";
+constexpr char kMissingMeshUrl[] = "voxelpipe/missing_mesh";  // names, with a line end between two
 constexpr char kFieldUrl[] = "voxelpipe/field";
 constexpr char kMeshType[] = "voxelpipe.v1.Mesh";
 constexpr char kDomain[] = "voxelpipe";
@@ -31,6 +32,8 @@ constexpr char kReasonUrl[] = "voxelpipe/reason";
 // gRPC limits trailers to 8 KiB in total by default; the message is in them twice, once percent-encoded.
 static_assert(kMaxErrorBytes <= 1000);
 constexpr size_t kMaxNameBytes = 80;
+// Of google.rpc.Status in trailers: three quarters of what the message leaves, because it may travel as base64.
+constexpr size_t kMaxDetailBytes = 4800;
 constexpr milliseconds kInUseDelay{1000};
 constexpr milliseconds kMaxDelay{3'600'000};  // a server's delay counts as at most this
 
@@ -144,10 +147,28 @@ absl::Status MissingMeshError(std::string_view name) {
   return status;
 }
 
-std::optional<std::string> MissingMesh(const absl::Status& status) {
+absl::Status MissingMeshesError(std::span<const std::string> names) {
+  if (names.size() == 1) return MissingMeshError(names[0]);
+  std::vector<std::string> told;
+  for (const std::string& name : names.first(std::min(names.size(), kMaxMissingMeshes))) {
+    told.push_back(CleanText(name, kMaxNameBytes));
+  }
+  absl::Status status = absl::NotFoundError(absl::StrCat("the server keeps none of ", names.size(), " meshes, '",
+                                                         told.front(), "' among them; UploadMesh sends them"));
+  status.SetPayload(kMissingMeshUrl, absl::Cord(absl::StrJoin(told, "\n")));
+  return status;
+}
+
+std::vector<std::string> MissingMeshes(const absl::Status& status) {
   const auto payload = status.GetPayload(kMissingMeshUrl);
-  if (!payload) return std::nullopt;
-  return std::string(*payload);
+  if (!payload) return {};
+  return absl::StrSplit(std::string(*payload), '\n');
+}
+
+std::optional<std::string> MissingMesh(const absl::Status& status) {
+  const std::vector<std::string> names = MissingMeshes(status);
+  if (names.empty()) return std::nullopt;
+  return names.front();
 }
 
 absl::Status WithField(absl::Status status, std::string_view field) {
@@ -162,10 +183,9 @@ absl::Status OfMesh(absl::Status status) {
   return WithField(std::move(status), "mesh");
 }
 
-grpc::Status ToGrpcStatus(const absl::Status& status) {
-  if (status.ok()) return grpc::Status();  // not grpc::Status::OK, for which the Python module would load gRPC
+google::rpc::Status ToRpcStatus(const absl::Status& status) {
   if (IsInUseByOthers(status) && !RetryDelay(status)) {
-    return ToGrpcStatus(BusyError({status.message().data(), status.message().size()}, kInUseDelay));
+    return ToRpcStatus(BusyError({status.message().data(), status.message().size()}, kInUseDelay));
   }
   const std::string message = ErrorText(status);
   google::rpc::Status details;
@@ -192,16 +212,27 @@ grpc::Status ToGrpcStatus(const absl::Status& status) {
     } else if (const auto numbers = LimitErrorOf(status)) {
       details.add_details()->PackFrom(ToMessage(*numbers));
     }
-  } else if (const auto mesh = MissingMesh(status)) {
-    google::rpc::ResourceInfo missing;
-    missing.set_resource_type(kMeshType);
-    missing.set_resource_name(*mesh);
-    missing.set_description(message);
-    details.add_details()->PackFrom(missing);
+  } else if (const std::vector<std::string> meshes = MissingMeshes(status); !meshes.empty()) {
+    for (const std::string& mesh : meshes) {
+      google::rpc::ResourceInfo missing;
+      missing.set_resource_type(kMeshType);
+      missing.set_resource_name(mesh);
+      if (meshes.size() == 1) missing.set_description(message);
+      details.add_details()->PackFrom(missing);
+    }
   } else if (status.code() == absl::StatusCode::kUnavailable) {
     if (const auto delay = RetryDelay(status)) details.add_details()->PackFrom(MakeRetryInfo(*delay));
   }
-  return grpc::Status(grpc::StatusCode(int(status.code())), message, details.SerializeAsString());
+  return details;
+}
+
+grpc::Status ToGrpcStatus(const absl::Status& status) {
+  if (status.ok()) return grpc::Status();  // not grpc::Status::OK, for which the Python module would load gRPC
+  google::rpc::Status details = ToRpcStatus(status);
+  // Only lists of names are so long.
+  while (details.ByteSizeLong() > kMaxDetailBytes && details.details_size() > 1)
+    details.mutable_details()->RemoveLast();
+  return grpc::Status(grpc::StatusCode(details.code()), details.message(), details.SerializeAsString());
 }
 
 absl::Status FromGrpcStatus(const grpc::Status& status) {
@@ -217,7 +248,10 @@ absl::Status FromGrpcStatus(const grpc::Status& status) {
     }
     google::rpc::ResourceInfo missing;
     if (detail.Is<google::rpc::ResourceInfo>() && detail.UnpackTo(&missing) && missing.resource_type() == kMeshType) {
-      result.SetPayload(kMissingMeshUrl, absl::Cord(missing.resource_name()));
+      absl::Cord names = result.GetPayload(kMissingMeshUrl).value_or(absl::Cord());
+      if (!names.empty()) names.Append("\n");
+      names.Append(missing.resource_name());
+      result.SetPayload(kMissingMeshUrl, std::move(names));
     }
     google::rpc::RetryInfo retry;
     if (detail.Is<google::rpc::RetryInfo>() && detail.UnpackTo(&retry)) {

@@ -4,12 +4,15 @@
 #include <chrono>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <grpcpp/support/status.h>
 
 #include "absl/status/status.h"
+#include "google/rpc/status.pb.h"
 
 namespace voxelpipe {
 
@@ -25,7 +28,12 @@ std::optional<std::chrono::milliseconds> RetryDelay(const absl::Status& status);
 
 // NOT_FOUND because the server has no stored mesh of this name, which is sent as google.rpc.ResourceInfo.
 absl::Status MissingMeshError(std::string_view name);
-// The name of a MissingMeshError, in server and client.
+// The same for several names, at least one: the text has their number, and at most kMaxMissingMeshes are sent.
+inline constexpr size_t kMaxMissingMeshes = 100;
+absl::Status MissingMeshesError(std::span<const std::string> names);
+// The names of these errors that were sent, in server and client; empty for all other statuses.
+std::vector<std::string> MissingMeshes(const absl::Status& status);
+// The first of them.
 std::optional<std::string> MissingMesh(const absl::Status& status);
 
 // Attaches the field of the request ("mesh") to an INVALID_ARGUMENT status whose message does not name it.
@@ -41,9 +49,12 @@ absl::Status OfMesh(absl::Status status);
 //                         of the message before the first ": ", description = the rest
 //   RESOURCE_EXHAUSTED    RetryInfo for a BusyError and if other requests use the memory (IsInUseByOthers), with
 //                         QuotaFailure for a QuotaError; otherwise LimitExceeded if there are numbers (LimitErrorOf)
-//   NOT_FOUND             ResourceInfo for a MissingMeshError: type "voxelpipe.v1.Mesh", name the mesh's
+//   NOT_FOUND             ResourceInfo for each name of a MissingMeshError: type "voxelpipe.v1.Mesh", name the mesh's
 //   UNAVAILABLE           RetryInfo for a NotServingError
+// Names that trailers do not hold beside the rest are left out.
 grpc::Status ToGrpcStatus(const absl::Status& status);
+// The same as a message, which holds all names.
+google::rpc::Status ToRpcStatus(const absl::Status& status);
 
 // The inverse, for clients: RetryDelay, LimitErrorOf and MissingMesh accept its result. Messages are
 // always valid UTF-8; all other details are dropped.

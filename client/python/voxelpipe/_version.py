@@ -1,4 +1,4 @@
 """The version of this package: that of the project. The revision of the service's contract that it was made for."""
 
 VERSION = "0.1.0"
-CONTRACT_REVISION = 1
+CONTRACT_REVISION = 2

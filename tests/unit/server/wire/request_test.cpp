@@ -1,10 +1,12 @@
 #include "wire/request.h"
 
+#include <cmath>
 #include <string>
 #include <vector>
 
 #include "gtest/gtest.h"
 #include "pipeline/plan/plan.h"
+#include "wire/placed.h"
 
 namespace voxelpipe {
 namespace {
@@ -69,6 +71,55 @@ TEST(RequestTest, AStoredMeshIsNamedAndMayHaveNewPositions) {
   ASSERT_TRUE(moved.ok()) << moved.status();
   EXPECT_EQ(moved->mesh_name, "meshes/a");
   EXPECT_TRUE(moved->new_positions);
+}
+
+TEST(RequestTest, PlacedMeshesComeWithTheirDefaults) {
+  const std::string a = "meshes/" + std::string(64, 'a'), b = "meshes/" + std::string(64, 'b') + "-mm";
+  v1::VoxelizeRequest message;
+  v1::PlacedMeshes& list = *message.mutable_mesh()->mutable_placed();
+  list.add_meshes()->set_mesh(a);
+  v1::PlacedMesh& second = *list.add_meshes();
+  second.set_mesh(b);
+  for (int i = 0; i < 16; ++i) second.add_matrix(i % 5 == 0 ? 1 : -0.0);
+  second.mutable_motion()->mutable_angular()->set_z(-2);
+  const auto parsed = ParseRequest(message);
+  ASSERT_TRUE(parsed.ok()) << parsed.status();
+  EXPECT_EQ(parsed->mesh_name, "");
+  ASSERT_TRUE(parsed->placed);
+  ASSERT_EQ(parsed->placed->size(), 2u);
+  const PlacedStored& one = parsed->placed->front();
+  const PlacedStored& two = parsed->placed->back();
+  EXPECT_EQ(one.mesh, a);
+  EXPECT_EQ(one.name, a);
+  EXPECT_EQ(one.label, 1u);
+  EXPECT_EQ(one.priority, 0);
+  EXPECT_EQ(one.motion, std::nullopt);
+  EXPECT_EQ(one.matrix, Mat4d());
+  EXPECT_EQ(two.label, 2u);
+  EXPECT_EQ(two.motion, (RigidMotionNumbers{{}, {0, 0, -2}, {}}));
+  EXPECT_EQ(two.matrix, Mat4d());
+  EXPECT_FALSE(std::signbit(two.matrix.m[0][1])) << "-0 is 0";
+}
+
+TEST(RequestTest, EverythingOfPlacedMeshesSurvives) {
+  const std::string a = "meshes/" + std::string(64, 'a');
+  Mat4d matrix;
+  for (int i = 0; i < 12; ++i) matrix.m[i / 4][i % 4] = 0.1 * i * i - 1;
+  const std::vector<PlacedStored> sent{{a, matrix, "one", 4'000'000'000u, -7, RigidMotionNumbers{{1, 2, 3}, {4}, {5}}},
+                                       {a, Mat4d(), "two", 1u, 0, {}}};
+  v1::PlacedMeshes message;
+  WriteTo(sent, message);
+  const auto read = ParsePlaced(message);
+  ASSERT_TRUE(read.ok()) << read.status();
+  ASSERT_EQ(read->size(), sent.size());
+  for (size_t i = 0; i < sent.size(); ++i) {
+    EXPECT_EQ((*read)[i].mesh, sent[i].mesh);
+    EXPECT_EQ((*read)[i].matrix, sent[i].matrix);
+    EXPECT_EQ((*read)[i].name, sent[i].name);
+    EXPECT_EQ((*read)[i].label, sent[i].label);
+    EXPECT_EQ((*read)[i].priority, sent[i].priority);
+    EXPECT_EQ((*read)[i].motion, sent[i].motion);
+  }
 }
 
 // The header of a result returns the spec with every default filled in: sent again it is the same request.

@@ -3,10 +3,13 @@
 #include <chrono>
 #include <cstdint>
 #include <limits>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "base/limit_error.h"
 #include "base/text.h"
+#include "gmock/gmock.h"
 #include "google/rpc/error_details.pb.h"
 #include "google/rpc/status.pb.h"
 #include "gtest/gtest.h"
@@ -210,6 +213,29 @@ TEST(StatusTest, AMissingMeshIsNamedOnBothSides) {
   EXPECT_EQ(missing.description(), sent.error_message());
   EXPECT_EQ(MissingMesh(FromGrpcStatus(sent)), name);
   EXPECT_FALSE(MissingMesh(FromGrpcStatus(ToGrpcStatus(absl::NotFoundError("something else")))).has_value());
+}
+
+TEST(StatusTest, MissingMeshesAreNamedAndCounted) {
+  std::vector<std::string> names;
+  for (int i = 0; i < 200; ++i) names.push_back("meshes/" + std::string(61, 'a') + std::to_string(i + 100));
+  const absl::Status few = MissingMeshesError(std::span(names).first(3));
+  EXPECT_THAT(std::string(few.message()), ::testing::HasSubstr("none of 3 meshes"));
+  EXPECT_EQ(MissingMeshes(few), std::vector<std::string>(names.begin(), names.begin() + 3));
+  EXPECT_EQ(MissingMeshes(FromGrpcStatus(ToGrpcStatus(few))), MissingMeshes(few));
+  EXPECT_EQ(MissingMesh(few), names[0]);
+  EXPECT_EQ(Details(ToGrpcStatus(few)).details_size(), 4) << "and the reason";
+  EXPECT_EQ(MissingMeshesError(std::span(names).first(1)), MissingMeshError(names[0]));
+  EXPECT_TRUE(MissingMeshes(absl::NotFoundError("something else")).empty());
+
+  const absl::Status many = MissingMeshesError(names);
+  EXPECT_THAT(std::string(many.message()), ::testing::HasSubstr("none of 200 meshes"));
+  EXPECT_EQ(MissingMeshes(many), std::vector<std::string>(names.begin(), names.begin() + 100));
+  EXPECT_EQ(ToRpcStatus(many).details_size(), 101);
+  const grpc::Status sent = ToGrpcStatus(many);
+  EXPECT_LE(sent.error_message().size() + sent.error_details().size() * 4 / 3, 7800u) << "trailers hold 8 KiB";
+  const std::vector<std::string> told = MissingMeshes(FromGrpcStatus(sent));
+  EXPECT_GT(told.size(), 25u);
+  EXPECT_EQ(told, std::vector<std::string>(names.begin(), names.begin() + long(told.size())));
 }
 
 TEST(StatusTest, StrangersBytesInAMessageBecomeValidText) {
