@@ -33,8 +33,7 @@ grpc::ByteBuffer ErrorMessage(uint64_t id, const absl::Status& status) {
   v1::VoxelizeBatchResponse response;
   v1::BatchReply& reply = *response.add_replies();
   reply.set_id(id);
-  // A call's error details are a google.rpc.Status with code and message.
-  reply.mutable_error()->ParseFromString(ToGrpcStatus(status).error_details());
+  *reply.mutable_error() = ToRpcStatus(status);
   grpc::ByteBuffer message;
   WriteMessage(response, message);
   return message;
@@ -100,8 +99,7 @@ class BatchCall::Job final : public VoxelizeJob {
     Reply(std::move(answer), false);
   }
   void Reply(Answer answer, bool failed) {
-    mesh.reset();
-    kept.reset();
+    FreeMesh();
     pieces.clear();
     uploads_.ShrinkTo(0);
     // The call owns this job until it has been answered, and this job the call until now.
@@ -232,12 +230,13 @@ absl::Status BatchCall::Prepare(v1::BatchJob& message, Job& job) {
   }
   if (deadline) job.context.set_deadline(*deadline);
   if (absl::Status s = ConfigureJob(state_, message.request(), record_.client, job); !s.ok()) return s;
+  if (absl::Status s = TakeListBytes(job.config, job.uploads()); !s.ok()) return s;
   const MeshData data = MeshDataOf(*message.mutable_request());
   if (data.bytes == nullptr) return absl::OkStatus();
   std::string& mesh = *data.bytes;
   if (absl::Status s = CheckMeshCrc(mesh, data.crc32c, 0); !s.ok()) return s;
-  if (job.kept) {
-    if (absl::Status s = CheckMeshBytes(*job.kept, job.config, mesh.size(), false); !s.ok()) return s;
+  if (!job.kept.empty()) {
+    if (absl::Status s = CheckMeshBytes(job.kept, job.config, mesh.size(), false); !s.ok()) return s;
   }
   if (absl::Status s = TakeUploadBytes(state_, 0, mesh.size(), job.uploads()); !s.ok()) return s;
   {

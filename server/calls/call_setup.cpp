@@ -6,6 +6,7 @@
 #include "absl/strings/str_cat.h"
 #include "pipeline/plan/plan.h"
 #include "pipeline/stages/backend.h"
+#include "wire/placed.h"
 #include "wire/status.h"
 
 namespace voxelpipe {
@@ -56,6 +57,11 @@ absl::Status TakeUploadBytes(const ServiceState& state, uint64_t so_far, uint64_
   }
   if (uploads.TryGrow(bytes)) return absl::OkStatus();
   return BusyError("too many meshes are being uploaded at the same time", kRetryDelay);
+}
+
+absl::Status TakeListBytes(const ParsedConfig& config, BudgetShare& uploads) {
+  if (!config.placed || uploads.TryGrow(BytesOf(*config.placed))) return absl::OkStatus();
+  return BusyError("too many requests with long lists of meshes at the same time", kRetryDelay);
 }
 
 void AppendPiece(std::string piece, std::deque<std::string>& pieces) {

@@ -39,6 +39,9 @@ void ChooseKinds(const ServiceState& state, BackendChoice asked, const ParsedCon
 // becomes too large, with RetryInfo if there are too many uploads at the same time.
 absl::Status TakeUploadBytes(const ServiceState& state, uint64_t so_far, uint64_t bytes, BudgetShare& uploads);
 
+// Charges `uploads` for the list of placed meshes of a request, if it has one. A BusyError like that of uploads.
+absl::Status TakeListBytes(const ParsedConfig& config, BudgetShare& uploads);
+
 // Appends a piece of a mesh file. Small ones are merged: each string has an overhead, and only bytes are counted.
 void AppendPiece(std::string piece, std::deque<std::string>& pieces);
 

@@ -96,7 +96,8 @@ void EstimateCall::Start(grpc::ByteBuffer& request) {
     ChooseKinds(state_, asked, *config, kinds_);
     status = state_.pool.CheckServed(kinds_);
   }
-  if (status.ok() && !config->mesh_name.empty()) status = FindKeptMesh(*config);
+  if (status.ok()) status = TakeListBytes(*config, uploads_);
+  if (status.ok()) status = FindKeptMeshes(*config);
   if (!status.ok() || !request_.has_mesh()) {
     End(status.ok() ? FromSummary(*config) : status);
     return;
@@ -104,6 +105,7 @@ void EstimateCall::Start(grpc::ByteBuffer& request) {
   // While the job waits, only its mesh has been counted.
   request_.clear_spec();
   request_.clear_execution();
+  if (config->placed) request_.clear_mesh();  // the config has it
   request_.DiscardUnknownFields();
   auto task = std::make_shared<MeshTask>(self_, *std::move(config));
   task->traits.client = record_.client;
@@ -130,26 +132,33 @@ absl::StatusOr<ParsedConfig> EstimateCall::ParseMessage() const {
   return config;
 }
 
-absl::Status EstimateCall::FindKeptMesh(const ParsedConfig& config) {
+absl::Status EstimateCall::FindKeptMeshes(const ParsedConfig& config) {
+  if (config.placed) {
+    absl::StatusOr<std::vector<std::shared_ptr<KeptMesh>>> meshes = state_.meshes.GetAll(*config.placed);
+    if (meshes.ok()) kept_ = *std::move(meshes);
+    return meshes.status();
+  }
+  if (config.mesh_name.empty()) return absl::OkStatus();
   if (absl::Status s = CheckMeshName(config.mesh_name, "mesh.stored.name"); !s.ok()) return s;
   absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state_.meshes.Get(config.mesh_name);
-  if (!mesh.ok()) return mesh.status();
-  kept_ = *std::move(mesh);
-  return absl::OkStatus();
+  if (mesh.ok()) kept_ = {*std::move(mesh)};
+  return mesh.status();
 }
 
 JobCost EstimateCall::Cost(const ParsedConfig& config) const {
   MeshFacts facts;
   facts.format = config.mesh_type.format;
-  if (kept_) {
-    facts.triangles = kept_->triangles();
+  if (!kept_.empty()) {
+    facts.triangles = TrianglesOf(kept_);
   } else {
     const std::string& bytes = data();
     facts.file_bytes = bytes.size();
     facts.compressed =
         FindCostlyParts({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, facts.format).compressed;
   }
-  return PredictEstimateCost(config.request, facts);
+  JobCost cost = PredictEstimateCost(config.request, facts);
+  if (config.placed) cost.load_ms += PredictPlaceMs(kept_.size(), *facts.triangles);
+  return cost;
 }
 
 absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
@@ -170,8 +179,9 @@ absl::Status EstimateCall::FromSummary(const ParsedConfig& config) {
 
 absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   const std::string& bytes = data();
-  const auto mesh = kept_ ? PrepareKept(state_.meshes, *kept_, {}, config, state_.limits, job_)
-                          : PrepareMesh(std::vector<uint8_t>(bytes.begin(), bytes.end()), config, state_.limits, job_);
+  const auto mesh = kept_.empty()
+                        ? PrepareMesh(std::vector<uint8_t>(bytes.begin(), bytes.end()), config, state_.limits, job_)
+                        : PrepareKept(state_.meshes, kept_, {}, config, state_.limits, job_);
   if (!mesh.ok()) return mesh.status();
   const absl::StatusOr<const Backend*> device = state_.pool.FindDevice(kinds_);
   if (!device.ok()) return device.status();
@@ -179,9 +189,10 @@ absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   if (!estimate.ok()) return estimate.status();
   *response_.mutable_plan() = ToMessage(estimate->plan);
   *response_.mutable_report() = ToMessage(estimate->report, (*mesh)->examined);
-  if (!kept_) CheckImages(*(*mesh)->mesh);  // not shared with other calls
-  WriteWarnings(kept_ ? kept_->Report().warnings : AllWarningsOf(*(*mesh)->mesh), response_);
-  if (!kept_) *response_.mutable_contents() = ToMessage((*mesh)->contents, (*mesh)->stages);
+  if (kept_.empty()) CheckImages(*(*mesh)->mesh);  // not shared with other calls
+  const bool one = config.placed == nullptr && !kept_.empty();
+  WriteWarnings(one ? kept_.front()->Report().warnings : AllWarningsOf(*(*mesh)->mesh), response_);
+  if (kept_.empty()) *response_.mutable_contents() = ToMessage((*mesh)->contents, (*mesh)->stages);
   return absl::OkStatus();
 }
 

@@ -5,6 +5,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <grpcpp/grpcpp.h>
 
@@ -36,7 +37,7 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
 
   void Start(grpc::ByteBuffer& request);
   absl::StatusOr<ParsedConfig> ParseMessage() const;
-  absl::Status FindKeptMesh(const ParsedConfig& config);
+  absl::Status FindKeptMeshes(const ParsedConfig& config);
   // The bytes of the mesh, if it comes with the request.
   const std::string& data() const { return request_.mesh().bytes().data(); }
   // Of the request's mesh, before it is loaded.
@@ -50,8 +51,8 @@ class EstimateCall final : public grpc::ServerUnaryReactor {
   v1::EstimateVoxelizationRequest request_;
   grpc::ByteBuffer& response_bytes_;  // until the call is answered
   v1::EstimateVoxelizationResponse response_;
-  std::shared_ptr<EstimateCall> self_;  // until OnDone
-  std::shared_ptr<KeptMesh> kept_;      // the mesh that the request names
+  std::shared_ptr<EstimateCall> self_;           // until OnDone
+  std::vector<std::shared_ptr<KeptMesh>> kept_;  // the meshes that the request names
   CallRecord record_;
   BudgetShare uploads_;
   JobContext job_;

@@ -12,14 +12,18 @@
 namespace voxelpipe {
 namespace {
 
-absl::Status FindKeptMesh(ServiceState& state, VoxelizeJob& job) {
+absl::Status FindKeptMeshes(ServiceState& state, VoxelizeJob& job) {
+  job.store = &state.meshes;
+  if (job.config.placed) {
+    absl::StatusOr<std::vector<std::shared_ptr<KeptMesh>>> meshes = state.meshes.TakeAll(*job.config.placed);
+    if (meshes.ok()) job.kept = *std::move(meshes);
+    return meshes.status();
+  }
   if (job.config.mesh_name.empty()) return absl::OkStatus();
   if (absl::Status s = CheckMeshName(job.config.mesh_name, "mesh.stored.name"); !s.ok()) return s;
   absl::StatusOr<std::shared_ptr<KeptMesh>> mesh = state.meshes.Take(job.config.mesh_name);
-  if (!mesh.ok()) return mesh.status();
-  job.store = &state.meshes;
-  job.kept = *std::move(mesh);
-  return absl::OkStatus();
+  if (mesh.ok()) job.kept = {*std::move(mesh)};
+  return mesh.status();
 }
 
 }  // namespace
@@ -40,7 +44,7 @@ absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeRequest& messag
   if (absl::Status s = state.pool.CheckServed(job.traits); !s.ok()) return s;
   job.traits.priority = settings.priority;
   job.traits.queue_timeout = settings.queue_timeout;
-  if (absl::Status s = FindKeptMesh(state, job); !s.ok()) return s;
+  if (absl::Status s = FindKeptMeshes(state, job); !s.ok()) return s;
   job.Weigh();
   return absl::OkStatus();
 }

@@ -15,8 +15,8 @@
 namespace voxelpipe {
 
 // Fills the job's config, limits and traits from the message; `client` is the client for the queue. The job's deadline,
-// if any, must be set before. If it names a stored mesh, the job gets that mesh, and its use is counted.
-// Errors: those of ParseRequest, PrepareRequest and WorkerPool::CheckServed; NOT_FOUND (MissingMeshError).
+// if any, must be set before. If it names stored meshes, the job gets them, and their use is counted.
+// Errors: those of ParseRequest, PrepareRequest and WorkerPool::CheckServed; NOT_FOUND (MissingMeshesError).
 absl::Status ConfigureJob(ServiceState& state, const v1::VoxelizeRequest& message, const std::string& client,
                           VoxelizeJob& job);
 

@@ -62,6 +62,7 @@ absl::Status ResultCall::TakeRequest(v1::VoxelizeRequest& message) {
     Weigh();
   }
   if (absl::Status s = state_.results.Admit(*this); !s.ok()) return s;  // before the upload of the mesh
+  if (absl::Status s = TakeListBytes(config, uploads_); !s.ok()) return s;
   const MeshData data = MeshDataOf(message);
   return data.bytes == nullptr ? absl::OkStatus() : TakePiece(std::move(*data.bytes), data.crc32c);
 }
@@ -70,8 +71,8 @@ absl::Status ResultCall::TakePiece(std::string piece, std::optional<uint32_t> cr
   if (absl::Status s = CheckMeshCrc(piece, crc32c, record_.bytes_in); !s.ok()) return s;
   if (!configured_) return absl::InvalidArgumentError("request: must come before the mesh");
   if (piece.empty()) return absl::OkStatus();
-  if (kept) {
-    if (absl::Status s = CheckMeshBytes(*kept, config, record_.bytes_in + piece.size(), false); !s.ok()) return s;
+  if (!kept.empty()) {
+    if (absl::Status s = CheckMeshBytes(kept, config, record_.bytes_in + piece.size(), false); !s.ok()) return s;
   }
   if (absl::Status s = TakeUploadBytes(state_, record_.bytes_in, piece.size(), uploads_); !s.ok()) return s;
   if (absl::Status s = record_.TakeBytes(piece.size()); !s.ok()) return s;
@@ -132,7 +133,7 @@ void ResultCall::DoneShared(const std::shared_ptr<const JobOutcome>& outcome, co
     return;
   }
   state_.metrics.JobEnded(absl::StatusCode::kOk);
-  kept.reset();
+  FreeMesh();
   PlanShared(plan);
   Answer(outcome, cached);
 }
@@ -149,8 +150,7 @@ void ResultCall::Done(absl::StatusOr<JobOutcome> outcome) {
     return;
   }
   CountJob(state_.metrics, outcome);
-  mesh.reset();
-  kept.reset();
+  FreeMesh();
   exported.reset();
   if (!outcome.ok()) {
     Fail(outcome.status());
@@ -176,7 +176,7 @@ void ResultCall::DoneExport(const std::shared_ptr<JobOutcome>& outcome) {
 }
 
 void ResultCall::AnswerExport(const absl::Status& status, const JobOutcome& outcome, bool cached) {
-  kept.reset();
+  FreeMesh();
   ready.reset();
   if (!status.ok()) {
     Fail(status);

@@ -22,12 +22,17 @@ uint64_t VoxelizeJob::file_bytes() const {
   return bytes;
 }
 
+bool VoxelizeJob::has_textures() const {
+  if (!RequestReadsTextures(config.request)) return true;
+  const TextureUse use = TexturesRead(config.request);
+  return std::all_of(kept.begin(), kept.end(), [&](const auto& one) { return one->ready(use); });
+}
+
 bool VoxelizeJob::loaded() const {
   if (ready) return false;
   if (mesh) return true;
-  if (file_bytes() > kLoadedByWorker) return false;
-  // Decoding textures of a stored mesh takes as long as loading it did.
-  if (kept) return !RequestReadsTextures(config.request) || kept->ready(TexturesRead(config.request));
+  if (file_bytes() > kLoadedByWorker || (config.placed && traits.cost.load_ms > kPlacedByWorkerMs)) return false;
+  if (!kept.empty()) return has_textures();
   return !costly_.compressed && !costly_.instanced && !(costly_.images && RequestReadsTextures(config.request));
 }
 
@@ -38,8 +43,8 @@ absl::Status VoxelizeJob::Prepare() {
     std::vector<uint8_t> file;
     file.reserve(file_bytes());
     for (; !pieces.empty(); pieces.pop_front()) file.insert(file.end(), pieces.front().begin(), pieces.front().end());
-    prepared = kept ? PrepareKept(*store, *kept, file, config, *limits, context)
-                    : PrepareMesh(std::move(file), config, *limits, context);
+    prepared = kept.empty() ? PrepareMesh(std::move(file), config, *limits, context)
+                            : PrepareKept(*store, kept, file, config, *limits, context);
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory for the mesh file");
   }
@@ -51,29 +56,38 @@ absl::Status VoxelizeJob::Prepare() {
   return absl::OkStatus();
 }
 
+void VoxelizeJob::FreeMesh() {
+  mesh.reset();
+  kept.clear();
+  config.placed.reset();
+}
+
 void VoxelizeJob::Weigh() {
   MeshFacts facts;
   facts.format = config.mesh_type.format;
   if (mesh) {
     facts.triangles = mesh->mesh->triangles.size();
     facts.box = Box3d{mesh->report.min, mesh->report.max, mesh->report.triangles == 0};
-    if (!kept) facts.memory_bytes = MeshBytes(*mesh->mesh);  // the store accounts for a stored mesh
+    if (kept.empty()) facts.memory_bytes = MeshBytes(*mesh->mesh);  // the store accounts for a stored mesh
+    if (config.placed) facts.memory_bytes = mesh->peak_bytes;       // and for the images of placed ones
   } else {
     facts.file_bytes = file_bytes();
-    if (!kept && !pieces.empty()) {
+    if (kept.empty() && !pieces.empty()) {
       const std::string& first = pieces.front();
       costly_ =
           FindCostlyParts({reinterpret_cast<const uint8_t*>(first.data()), first.size()}, config.mesh_type.format);
       facts.compressed = costly_.compressed;
     }
-    if (kept) facts.triangles = kept->triangles();
+    if (!kept.empty()) facts.triangles = TrianglesOf(kept);
   }
   traits.cost = PredictCost(config.request, facts);
-  if (kept) traits.cost.load_ms = 0;
+  if (!kept.empty()) traits.cost.load_ms = 0;
+  if (config.placed && !mesh) traits.cost.load_ms = PredictPlaceMs(kept.size(), *facts.triangles);
   if (exported) traits.cost.run_ms += PredictExportMs(traits.cost);
   // Beyond the limits it is refused as soon as its grid is known. Until then it counts as a giant, but not as more work
   // than all others together, so that it gets the error of the limit and not that of a long queue.
-  if (limits != nullptr && traits.cost.output_bytes > limits->plan.max_result_bytes) {
+  if (limits != nullptr && (traits.cost.output_bytes > limits->plan.max_result_bytes ||
+                            traits.cost.triangles > limits->load.max_triangles)) {
     traits.cost.run_ms = std::min(traits.cost.run_ms, kBeyondLimitsMs);
   }
 }

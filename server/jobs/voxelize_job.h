@@ -31,12 +31,17 @@ class VoxelizeJob : public Task {
   void Refuse(absl::Status why) final { Done(std::move(why)); }
   // Makes `mesh` from `kept` and `pieces`, unless already done.
   absl::Status Prepare();
+  // True if Prepare has nothing to do but to take a stored mesh.
+  bool prepared_at_once() const { return mesh || (!kept.empty() && !config.placed && pieces.empty()); }
+  // After the run: frees the meshes, and the list of placed ones.
+  void FreeMesh();
 
   ParsedConfig config;
   JobContext context;
   const JobLimits* limits = nullptr;
-  MeshStore* store = nullptr;            // the store of `kept`
-  std::shared_ptr<KeptMesh> kept;        // the mesh of config.mesh_name; null for a file
+  MeshStore* store = nullptr;  // the store of `kept`
+  // The mesh of config.mesh_name, or those of config.placed in their order; empty for a file.
+  std::vector<std::shared_ptr<KeptMesh>> kept;
   std::deque<std::string> pieces;        // of the mesh file, or of the stored mesh's new positions; freed after loading
   std::shared_ptr<MemoryBudget> memory;  // of the request (MakeRequestMemory); null: that of the process
   std::shared_ptr<const PreparedMesh> mesh;  // made from these; keeps `memory` alive
@@ -71,8 +76,11 @@ class VoxelizeJob : public Task {
   // The device worker itself loads smaller files, several at once, because a second hand-over would take longer; except
   // those that may nevertheless take long and delay the other jobs of a batch.
   static constexpr uint64_t kLoadedByWorker = 256 << 10;
+  static constexpr double kPlacedByWorkerMs = 0.5;  // the same of meshes that are placed
 
   uint64_t file_bytes() const;
+  // Decoding textures of a stored mesh takes as long as loading it did.
+  bool has_textures() const;
 
   CostlyParts costly_;  // of the file; set by Weigh
 };

@@ -1,6 +1,9 @@
 #include "meshes/mesh_store.h"
 
 #include <algorithm>
+#include <string_view>
+#include <unordered_map>
+#include <unordered_set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -8,6 +11,25 @@
 #include "wire/status.h"
 
 namespace voxelpipe {
+namespace {
+
+// `find` is called once for each name, and gives null for what is missing.
+template <typename Find>
+absl::StatusOr<std::vector<std::shared_ptr<KeptMesh>>> FindAll(std::span<const PlacedStored> list, Find find) {
+  std::unordered_map<std::string_view, std::shared_ptr<KeptMesh>> known;
+  std::vector<std::shared_ptr<KeptMesh>> meshes;
+  std::vector<std::string> missing;
+  meshes.reserve(list.size());
+  for (const PlacedStored& placed : list) {
+    const auto [mesh, fresh] = known.try_emplace(placed.mesh);
+    if (fresh && !(mesh->second = find(placed.mesh))) missing.push_back(placed.mesh);
+    meshes.push_back(mesh->second);
+  }
+  if (!missing.empty()) return MissingMeshesError(missing);
+  return meshes;
+}
+
+}  // namespace
 
 absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Insert(std::shared_ptr<KeptMesh> mesh, const std::string& client) {
   const uint64_t bytes = mesh->memory_bytes();
@@ -31,6 +53,20 @@ absl::StatusOr<std::shared_ptr<KeptMesh>> MeshStore::Take(const std::string& nam
   if (!mesh) return MissingMeshError(name);
   mesh->CountUse();
   return mesh;
+}
+
+absl::StatusOr<std::vector<std::shared_ptr<KeptMesh>>> MeshStore::TakeAll(std::span<const PlacedStored> list) {
+  auto meshes = FindAll(list, [this](const std::string& name) { return meshes_.Use(name); });
+  if (!meshes.ok()) return meshes;
+  std::unordered_set<const KeptMesh*> counted;
+  for (const std::shared_ptr<KeptMesh>& mesh : *meshes) {
+    if (counted.insert(mesh.get()).second) mesh->CountUse();
+  }
+  return meshes;
+}
+
+absl::StatusOr<std::vector<std::shared_ptr<KeptMesh>>> MeshStore::GetAll(std::span<const PlacedStored> list) const {
+  return FindAll(list, [this](const std::string& name) { return meshes_.Peek(name); });
 }
 
 absl::StatusOr<std::shared_ptr<const TriangleMesh>> MeshStore::Mesh(const JobContext& job, KeptMesh& mesh,

@@ -4,13 +4,16 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "mesh/scene/load_limits.h"
 #include "meshes/claimed_lru.h"
 #include "meshes/kept_mesh.h"
+#include "wire/placed_stored.h"
 
 namespace voxelpipe {
 
@@ -38,6 +41,12 @@ class MeshStore {
 
   // The mesh for a job; it becomes the most recently used. NOT_FOUND (MissingMeshError).
   absl::StatusOr<std::shared_ptr<KeptMesh>> Take(const std::string& name);
+
+  // The meshes of a list for one job, in its order; each counts one use however often it is named. NOT_FOUND naming all
+  // that are missing (MissingMeshesError). May throw bad_alloc.
+  absl::StatusOr<std::vector<std::shared_ptr<KeptMesh>>> TakeAll(std::span<const PlacedStored> list);
+  // The same without counting a use.
+  absl::StatusOr<std::vector<std::shared_ptr<KeptMesh>>> GetAll(std::span<const PlacedStored> list) const;
 
   // KeptMesh::Mesh for a mesh of this store; counts the memory of its textures.
   absl::StatusOr<std::shared_ptr<const TriangleMesh>> Mesh(const JobContext& job, KeptMesh& mesh, const TextureUse& use,

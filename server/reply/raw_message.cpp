@@ -1,9 +1,12 @@
 #include "reply/raw_message.h"
 
+#include <algorithm>
 #include <cstdint>
 
 #include <google/protobuf/io/coded_stream.h>
 #include <google/protobuf/wire_format_lite.h>
+
+#include "mesh/placed_mesh.h"
 
 namespace voxelpipe {
 namespace {
@@ -27,14 +30,17 @@ class SettingsCounter {
       const uint32_t tag = in_.ReadTag();
       if (tag == 0) return in_.ConsumedEntireMessage() ? Fields::kPossible : Fields::kBroken;
       const bool has_length = WireFormatLite::GetTagWireType(tag) == WireFormatLite::WIRETYPE_LENGTH_DELIMITED;
-      const auto [mesh, deeper] = Follow(has_length ? WireFormatLite::GetTagFieldNumber(tag) : 0, within, depth);
+      const auto [mesh, deeper, placed] =
+          Follow(has_length ? WireFormatLite::GetTagFieldNumber(tag) : 0, within, depth);
+      if (placed) free_ = placed_++ < kMaxPlacedMeshes ? kPlacedMeshBytes : 0;
       int length = 0;
       if (!mesh && deeper == 0) {
         if (!WireFormatLite::SkipField(&in_, tag)) return Fields::kBroken;
       } else if (!in_.ReadVarintSizeAsInt(&length)) {
         return Fields::kBroken;
       }
-      bytes_ += uint64_t(in_.CurrentPosition() - begin);
+      // Fields of any length that no path goes through may take much more memory than bytes.
+      Add(uint64_t(in_.CurrentPosition() - begin), mesh || deeper != 0 || !has_length);
       if (bytes_ > kMaxSettingsBytes) return Fields::kTooMany;
       if (mesh && !in_.Skip(length)) return Fields::kBroken;
       if (deeper != 0 && length > 0) {
@@ -42,6 +48,7 @@ class SettingsCounter {
         if (const Fields found = Count(deeper, depth + 1); found != Fields::kPossible) return found;
         in_.PopLimit(limit);
       }
+      if (placed) free_ = 0;
     }
   }
 
@@ -49,25 +56,35 @@ class SettingsCounter {
   struct Step {
     bool mesh = false;    // the field has mesh bytes
     uint32_t deeper = 0;  // the paths that go on within it
+    bool placed = false;  // the field is a placed mesh
   };
   Step Follow(int field, uint32_t within, size_t depth) const {
     Step step;
     if (field == 0) return step;
     for (size_t i = 0; i < paths_.size(); ++i) {
       const MeshPath& path = paths_[i];
-      if ((within >> i & 1) == 0 || path[depth] != field) continue;
-      if (depth + 1 == path.size() || path[depth + 1] == 0) {
+      if ((within >> i & 1) == 0 || path.fields[depth] != field) continue;
+      if (depth + 1 == path.fields.size() || path.fields[depth + 1] == 0) {
         step.mesh = true;
       } else {
         step.deeper |= uint32_t{1} << i;
+        step.placed |= path.placed_depth != 0 && path.placed_depth == depth;
       }
     }
     return step;
   }
 
+  void Add(uint64_t bytes, bool may_be_free) {
+    const uint64_t free = may_be_free ? std::min(free_, bytes) : 0;
+    free_ -= free;
+    bytes_ += bytes - free;
+  }
+
   CodedInputStream& in_;
   const std::span<const MeshPath> paths_;
-  uint64_t bytes_ = 0;  // outside the mesh
+  uint64_t bytes_ = 0;   // outside the mesh
+  uint64_t free_ = 0;    // further bytes of a placed mesh that do not count
+  uint64_t placed_ = 0;  // number of placed meshes so far
 };
 
 }  // namespace

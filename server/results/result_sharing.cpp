@@ -33,6 +33,30 @@ std::string HashOf(const VoxelizeResult& result) {
   return hash.HexDigest();
 }
 
+// Of placed meshes: every entry with all of its fields, which are of fixed length or preceded by it.
+std::string KeyOf(const std::vector<PlacedStored>& list) {
+  Sha256 hash;
+  const auto add = [&hash](const void* bytes, size_t size) { hash.Update({static_cast<const uint8_t*>(bytes), size}); };
+  const auto add_text = [&add](const std::string& text) {
+    const uint64_t size = text.size();
+    add(&size, sizeof size);
+    add(text.data(), text.size());
+  };
+  for (const PlacedStored& placed : list) {
+    add_text(placed.mesh);
+    add_text(placed.name);
+    add(placed.matrix.m, sizeof placed.matrix.m);
+    const uint32_t numbers[] = {placed.label.value_or(0), uint32_t(placed.priority), placed.motion ? 1u : 0u};
+    add(numbers, sizeof numbers);
+    if (!placed.motion) continue;
+    for (const Vec3d* vec : {&placed.motion->linear, &placed.motion->angular, &placed.motion->center}) {
+      const double xyz[] = {vec->x, vec->y, vec->z};
+      add(xyz, sizeof xyz);
+    }
+  }
+  return absl::StrCat("placed/", hash.HexDigest());
+}
+
 // True if the error is about the run, and not about the request: then each job may run by itself.
 bool IsOfTheRun(const absl::Status& status) {
   return absl::IsAborted(status) || absl::IsCancelled(status) || absl::IsDeadlineExceeded(status);
@@ -277,14 +301,14 @@ bool ResultSharing::Withdraw(VoxelizeJob& job) {
 
 std::string RequestKey(const VoxelizeJob& job) {
   const ParsedConfig& config = job.config;
-  if (!job.kept || config.new_positions || config.settings.queue_timeout) return {};
+  if (job.kept.empty() || config.new_positions || config.settings.queue_timeout) return {};
   CallSettings settings = config.settings;
   // Of the messages, which each call makes for itself.
   settings.compression = Compression::kNone;
   settings.content_hash = true;
   settings.single_message_bytes.reset();
   settings.priority = Priority::kNormal;  // the run has the best one of all waiting jobs
-  std::string key = job.kept->name();
+  std::string key = config.placed ? KeyOf(*config.placed) : job.kept.front()->name();
   {
     google::protobuf::io::StringOutputStream out(&key);  // appends
     google::protobuf::io::CodedOutputStream coded(&out);

@@ -20,11 +20,11 @@
 
 namespace voxelpipe {
 
-// Between the calls and the scheduler. Jobs are equal if they have the same request for the same stored mesh
-// (RequestKey); DoneShared gives them the same object. A waiting run has the best queue position, priority and deadline
-// of all its jobs; if the queue refuses the first job, only that one fails. Other jobs are not shared: those with a
-// file or new positions, those with a queue time-out of their own, those whose result is not in memory as a whole, and
-// those whose result is exported, which only use and fill the cache.
+// Between the calls and the scheduler. Jobs are equal if they have the same request for the same stored mesh, or for
+// the same placed ones (RequestKey); DoneShared gives them the same object. A waiting run has the best queue position,
+// priority and deadline of all its jobs; if the queue refuses the first job, only that one fails. Other jobs are not
+// shared: those with a file or new positions, those with a queue time-out of their own, those whose result is not in
+// memory as a whole, and those whose result is exported, which only use and fill the cache.
 // Thread-safe; calls the jobs without locks.
 class ResultSharing {
  public:
@@ -95,8 +95,8 @@ class ResultSharing {
   std::unordered_map<const Flights::Flight*, Crowd> crowds_;
 };
 
-// The key of jobs that may share a result: the mesh, everything that the result's bytes depend on, and the devices that
-// may run it. Empty if the job cannot share.
+// The key of jobs that may share a result: the meshes and where they are placed, everything that the result's bytes
+// depend on, and the devices that may run it. Empty if the job cannot share.
 std::string RequestKey(const VoxelizeJob& job);
 
 }  // namespace voxelpipe

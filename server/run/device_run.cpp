@@ -166,9 +166,8 @@ void DeviceRun::Prepare() {
     member.alone = member.job->resumed.begun();
   };
   // If nothing needs loading, the hand-over takes longer than the work.
-  const bool at_once = std::all_of(members_.begin(), members_.end(), [](const auto& member) {
-    return member->job->mesh != nullptr || (member->job->kept != nullptr && member->job->pieces.empty());
-  });
+  const bool at_once =
+      std::all_of(members_.begin(), members_.end(), [](const auto& member) { return member->job->prepared_at_once(); });
   if (members_.size() == 1 || at_once) {
     for (size_t i = 0; i < members_.size(); ++i) prepare(i);
   } else {

@@ -25,6 +25,8 @@ constexpr double kExportByteNs = 10;     // a byte of the result in a compressed
 constexpr double kPlainByteLoadNs = 2.5;  // GLB: parse, flatten
 constexpr double kTextByteLoadNs = 6;     // glTF with data URIs, OBJ, OFF
 constexpr double kDracoByteLoadNs = 60;   // some two bytes a triangle
+constexpr double kPlaceMeshNs = 2000;
+constexpr double kPlaceTriangleNs = 30;  // with half a vertex, its normal and coordinates
 constexpr double kPlainBytesATriangle = 30;
 constexpr double kDracoBytesATriangle = 3;
 
@@ -129,6 +131,10 @@ JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh) {
       Whole(triangles * 48 + voxels / 8 + output_bytes + (request.result == ResultKind::kBuckets ? fragments * 24 : 0));
   cost.run_ms = kJobMs + ns * kNs;
   return cost;
+}
+
+double PredictPlaceMs(size_t meshes, uint64_t triangles) {
+  return (double(meshes) * kPlaceMeshNs + double(triangles) * kPlaceTriangleNs) * kNs;
 }
 
 double PredictExportMs(const JobCost& cost) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 
@@ -25,6 +26,9 @@ struct MeshFacts {
 // The cost of `request` on this mesh. Milliseconds are those of one thread of a server's processor; MeasuredCost
 // corrects them. Checks nothing: a request that cannot be run has a cost too.
 JobCost PredictCost(const VoxelizeRequest& request, const MeshFacts& mesh);
+
+// Milliseconds of placing so many meshes with so many triangles together on one grid.
+double PredictPlaceMs(size_t meshes, uint64_t triangles);
 
 // Milliseconds of writing the result of such a job as a file: formats compress, draw or list its voxels.
 double PredictExportMs(const JobCost& cost);

@@ -12,6 +12,7 @@
 #include "jobs/prepare_kept.h"
 #include "jobs/request_memory.h"
 #include "mesh/content_id.h"
+#include "mesh/mesh_bytes.h"
 #include "support/warnings.h"
 #include "wire/status.h"
 
@@ -257,10 +258,31 @@ TEST(MeshStoreTest, AMeshThatOthersSharesLeaveNoRoomForSaysNeedAndLimit) {
   EXPECT_TRUE(store.Get(NameOf('a')).ok()) << "what does not fit puts nothing out";
 }
 
+TEST(MeshStoreTest, AListIsTakenAsAWhole) {
+  MeshStore store(1 << 20);
+  const auto a = Kept('a'), b = Kept('b');
+  ASSERT_TRUE(store.Insert(a, "x").ok());
+  ASSERT_TRUE(store.Insert(b, "x").ok());
+  const std::vector<PlacedStored> list{{NameOf('a')}, {NameOf('b')}, {NameOf('a')}};
+  const auto got = store.GetAll(list);
+  ASSERT_TRUE(got.ok()) << got.status();
+  EXPECT_EQ(*got, (std::vector<std::shared_ptr<KeptMesh>>{a, b, a}));
+  EXPECT_EQ(a->uses(), 0u);
+  const auto taken = store.TakeAll(list);
+  ASSERT_TRUE(taken.ok()) << taken.status();
+  EXPECT_EQ(*taken, *got);
+  EXPECT_EQ(a->uses(), 1u) << "of one job";
+  EXPECT_EQ(b->uses(), 1u);
+  const std::vector<PlacedStored> some{{NameOf('c')}, {NameOf('a')}, {NameOf('d')}, {NameOf('c')}};
+  EXPECT_EQ(MissingMeshes(store.TakeAll(some).status()), (std::vector<std::string>{NameOf('c'), NameOf('d')}));
+  EXPECT_EQ(MissingMeshes(store.GetAll(some).status()), (std::vector<std::string>{NameOf('c'), NameOf('d')}));
+  EXPECT_EQ(a->uses(), 1u);
+}
+
 class PrepareKeptTest : public ::testing::Test {
  protected:
   absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(const std::vector<float>& positions = {}) {
-    return PrepareKept(store_, *kept_,
+    return PrepareKept(store_, {&kept_, 1},
                        {reinterpret_cast<const uint8_t*>(positions.data()), positions.size() * sizeof(float)}, config_,
                        {}, job_);
   }
@@ -345,6 +367,37 @@ TEST_F(PrepareKeptTest, WrongPositionsAreNamed) {
             absl::InvalidArgumentError("mesh.stored.positions: 36 bytes are wanted, x, y, z of 3 vertices; 32 came"));
   const absl::Status infinite = Prepare({0, 0, 0, 1, 1, 1e30f * 1e30f, 0, 0, 0}).status();
   EXPECT_EQ(infinite, absl::InvalidArgumentError("mesh.stored.positions: vertex 1 is not finite"));
+}
+
+TEST_F(PrepareKeptTest, PlacedMeshesAreOneMeshOfTheJob) {
+  PlacedStored moved{NameOf('a'), Mat4d(), "moved", 9u, 0, {}};
+  moved.matrix.m[2][3] = 5;
+  config_.placed = std::make_shared<const std::vector<PlacedStored>>(
+      std::vector<PlacedStored>{{NameOf('a'), Mat4d(), "still", 1u, 0, {}}, moved});
+  config_.request.fill = Fill::kParity;
+  MemoryBudget memory(1 << 20);
+  job_.set_memory(&memory);
+  const std::vector<std::shared_ptr<KeptMesh>> both{kept_, kept_};
+  EXPECT_EQ(TrianglesOf(both), 2u);
+  {
+    const auto placed = PrepareKept(store_, both, {}, config_, {}, job_);
+    ASSERT_TRUE(placed.ok()) << placed.status();
+    const TriangleMesh& mesh = *(*placed)->mesh;
+    EXPECT_EQ(mesh.triangles.size(), 2u);
+    EXPECT_EQ(mesh.positions[4], (Vec3d{1, 0, 5}));
+    EXPECT_EQ(mesh.content_id, "");
+    ASSERT_EQ(mesh.placed.size(), 2u);
+    EXPECT_EQ(mesh.placed[1].label, 9u);
+    EXPECT_TRUE((*placed)->examined);
+    EXPECT_EQ((*placed)->report.open_edges, 6u);
+    EXPECT_EQ((*placed)->report.max.z, 5);
+    EXPECT_GE(memory.used_bytes(), MeshBytes(mesh)) << "while the job has it";
+    EXPECT_GE((*placed)->peak_bytes, memory.used_bytes());
+  }
+  EXPECT_EQ(memory.used_bytes(), 0u);
+  const std::vector<uint8_t> bytes(4);
+  EXPECT_EQ(PrepareKept(store_, both, bytes, config_, {}, job_).status(),
+            absl::InvalidArgumentError("mesh.placed: no mesh bytes may follow"));
 }
 
 TEST_F(PrepareKeptTest, ACancelledJobStops) {

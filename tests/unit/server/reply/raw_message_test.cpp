@@ -7,6 +7,7 @@
 
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
+#include "mesh/placed_mesh.h"
 
 namespace voxelpipe {
 namespace {
@@ -129,6 +130,67 @@ TEST(RawMessageTest, OnlyTheFieldsOfAMeshDoNotCount) {
   v1::EstimateVoxelizationRequest estimate;
   estimate.mutable_mesh()->mutable_stored()->mutable_positions()->set_data(Settings(kLargeMesh));
   ExpectTooMuch(estimate);
+}
+
+// One of a list with everything in it.
+v1::PlacedMesh Placed(size_t name_bytes) {
+  v1::PlacedMesh mesh;
+  mesh.set_mesh("meshes/" + std::string(64, 'a'));
+  for (int i = 0; i < 16; ++i) mesh.add_matrix(i + 0.1);
+  mesh.set_name(std::string(name_bytes, 'n'));
+  mesh.set_label(4'000'000'000);
+  mesh.set_priority(-1);
+  for (v1::Vec3* vec : {mesh.mutable_motion()->mutable_linear(), mesh.mutable_motion()->mutable_angular(),
+                        mesh.mutable_motion()->mutable_center()}) {
+    vec->set_x(1);
+    vec->set_y(2);
+    vec->set_z(3);
+  }
+  return mesh;
+}
+
+// As many as may be placed, in any call.
+TEST(RawMessageTest, PlacedMeshesDoNotCount) {
+  v1::VoxelizeRequest request;
+  request.mutable_spec()->mutable_vertex_shader()->set_name(Settings(kMaxSettingsBytes - 100));
+  v1::PlacedMeshes& placed = *request.mutable_mesh()->mutable_placed();
+  for (size_t i = 0; i < kMaxPlacedMeshes; ++i) *placed.add_meshes() = Placed(300);
+  ExpectRead(request);
+  v1::VoxelizeUploadRequest upload;
+  *upload.mutable_request() = request;
+  ExpectRead(upload);
+  v1::ExportFileRequest file;
+  *file.mutable_request() = request;
+  ExpectRead(file);
+  v1::EstimateVoxelizationRequest estimate;
+  *estimate.mutable_mesh() = request.mesh();
+  ExpectRead(estimate);
+  v1::VoxelizeBatchRequest batch;
+  *batch.add_jobs()->mutable_request() = request;
+  ExpectRead(batch);
+  // Of all jobs of a message together.
+  v1::PlacedMeshes& more = *batch.add_jobs()->mutable_request()->mutable_mesh()->mutable_placed();
+  *more.add_meshes() = Placed(1);
+  ExpectTooMuch(batch);
+}
+
+// What takes more memory than bytes does.
+TEST(RawMessageTest, UnknownFieldsOfPlacedMeshesCount) {
+  v1::VoxelizeRequest request;
+  v1::PlacedMeshes& placed = *request.mutable_mesh()->mutable_placed();
+  for (int i = 0; i < 1000; ++i) placed.add_meshes()->mutable_motion()->mutable_linear()->set_x(1);
+  ExpectRead(request);
+  for (const auto of :
+       {+[](v1::PlacedMesh& mesh) -> google::protobuf::Message& { return mesh; },
+        +[](v1::PlacedMesh& mesh) -> google::protobuf::Message& { return *mesh.mutable_motion(); },
+        +[](v1::PlacedMesh& mesh) -> google::protobuf::Message& { return *mesh.mutable_motion()->mutable_linear(); }}) {
+    v1::VoxelizeRequest unknown = request;
+    for (v1::PlacedMesh& mesh : *unknown.mutable_mesh()->mutable_placed()->mutable_meshes()) {
+      google::protobuf::Message& message = of(mesh);
+      for (int i = 0; i < 600; ++i) message.GetReflection()->MutableUnknownFields(&message)->AddLengthDelimited(9);
+    }
+    ExpectTooMuch(unknown);
+  }
 }
 
 // Else the fields behind are looked at for nothing.

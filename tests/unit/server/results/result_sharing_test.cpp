@@ -54,7 +54,7 @@ class ResultSharingTest : public ::testing::Test {
   std::shared_ptr<FakeJob> Job(int64_t resolution = 8) {
     auto job = std::make_shared<FakeJob>();
     job->config.request.grid.resolution = resolution;
-    job->kept = mesh;
+    job->kept = {mesh};
     job->config.mesh_name = mesh->name();
     job->traits.client = "client";
     return job;
@@ -138,7 +138,7 @@ TEST_F(ResultSharingTest, EqualJobsRunOnce) {
 TEST_F(ResultSharingTest, OtherRequestsRunApart) {
   const auto a = Submitted(8), b = Submitted(9);
   const auto other_mesh = Job(8);
-  other_mesh->kept = Mesh('b');
+  other_mesh->kept = {Mesh('b')};
   ASSERT_TRUE(sharing.Submit(other_mesh).ok());
   EXPECT_EQ(scheduler.queued(), 3u);
   for (int i = 0; i < 3; ++i) {
@@ -151,7 +151,7 @@ TEST_F(ResultSharingTest, OtherRequestsRunApart) {
 
 TEST_F(ResultSharingTest, WhatCannotBeSharedGoesThrough) {
   const auto file = Job(), moved = Job(), timed = Job();
-  file->kept.reset();
+  file->kept.clear();
   moved->config.new_positions = true;
   timed->config.settings.queue_timeout = std::chrono::milliseconds(5);
   for (const auto& job : {file, moved, timed}) {
