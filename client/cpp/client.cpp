@@ -160,6 +160,18 @@ absl::StatusOr<RemoteRun> Client::VoxelizeStoredTo(const std::string& mesh_name,
   return impl_->VoxelizeTo(MeshSource::Stored(mesh_name, new_positions), request, job, sink, on_plan);
 }
 
+absl::StatusOr<RemoteResult> Client::VoxelizePlaced(std::span<const PlacedStored> meshes,
+                                                    const VoxelizeRequest& request, const JobContext& job,
+                                                    const std::function<void(const Plan&)>& on_plan) {
+  return impl_->Voxelize(MeshSource::Placed(meshes), request, job, on_plan);
+}
+
+absl::StatusOr<RemoteRun> Client::VoxelizePlacedTo(std::span<const PlacedStored> meshes, const VoxelizeRequest& request,
+                                                   const JobContext& job, ResultSink& sink,
+                                                   const std::function<void(const Plan&)>& on_plan) {
+  return impl_->VoxelizeTo(MeshSource::Placed(meshes), request, job, sink, on_plan);
+}
+
 absl::StatusOr<StoredMesh> Client::GetMesh(const std::string& mesh_name) {
   v1::GetMeshRequest request;
   request.set_name(mesh_name);
@@ -212,6 +224,13 @@ absl::StatusOr<Client::Estimated> Client::EstimateStored(const std::string& mesh
                                                          const JobContext& job) {
   v1::EstimateVoxelizationRequest message;
   WriteWithBytes(MeshSource::Stored(mesh_name, {}), *message.mutable_mesh());
+  return impl_->Estimate(message, request, job);
+}
+
+absl::StatusOr<Client::Estimated> Client::EstimatePlaced(std::span<const PlacedStored> meshes,
+                                                         const VoxelizeRequest& request, const JobContext& job) {
+  v1::EstimateVoxelizationRequest message;
+  WriteWithBytes(MeshSource::Placed(meshes), *message.mutable_mesh());
   return impl_->Estimate(message, request, job);
 }
 

@@ -21,6 +21,7 @@
 #include "pipeline/voxelize.h"
 #include "shaders/catalog.h"
 #include "wire/call_settings.h"
+#include "wire/placed_stored.h"
 
 namespace voxelpipe {
 
@@ -177,6 +178,16 @@ class Client {
                                              std::span<const float> new_positions = {},
                                              const std::function<void(const Plan&)>& on_plan = {});
 
+  // Voxelize and VoxelizeTo with several stored meshes on one grid: the same bytes as PlaceMeshes (mesh/placed_mesh.h)
+  // and Voxelize in this process. A part that moves is the same list with another matrix. NOT_FOUND names all meshes
+  // that the server does not have, at most 100 of them; INVALID_ARGUMENT the field of the list that is wrong.
+  absl::StatusOr<RemoteResult> VoxelizePlaced(std::span<const PlacedStored> meshes, const VoxelizeRequest& request,
+                                              const JobContext& job,
+                                              const std::function<void(const Plan&)>& on_plan = {});
+  absl::StatusOr<RemoteRun> VoxelizePlacedTo(std::span<const PlacedStored> meshes, const VoxelizeRequest& request,
+                                             const JobContext& job, ResultSink& sink,
+                                             const std::function<void(const Plan&)>& on_plan = {});
+
   // The server's description of a stored mesh. NOT_FOUND if it does not have it.
   absl::StatusOr<StoredMesh> GetMesh(const std::string& mesh_name);
   // The meshes on which this client has a claim, an administrator's call all of them; the newest first.
@@ -205,8 +216,10 @@ class Client {
   absl::StatusOr<Plan> Estimate(uint64_t triangles, uint64_t vertices, const Box3d& shaded_box,
                                 const VoxelizeRequest& request, const JobContext& job);
 
-  // The same for a stored mesh.
+  // The same for a stored mesh, and for several on one grid.
   absl::StatusOr<Estimated> EstimateStored(const std::string& mesh_name, const VoxelizeRequest& request,
+                                           const JobContext& job);
+  absl::StatusOr<Estimated> EstimatePlaced(std::span<const PlacedStored> meshes, const VoxelizeRequest& request,
                                            const JobContext& job);
 
   // The server's shaders, vertex shaders first.

@@ -179,6 +179,10 @@ absl::Status ManyStream::SendStored(uint64_t id, const std::string& mesh_name, c
   return impl_->Send(id, MeshSource::Stored(mesh_name, new_positions), request);
 }
 
+absl::Status ManyStream::SendPlaced(uint64_t id, std::span<const PlacedStored> meshes, const VoxelizeRequest& request) {
+  return impl_->Send(id, MeshSource::Placed(meshes), request);
+}
+
 void ManyStream::FinishSending() {
   const std::lock_guard lock(impl_->write_mutex);
   impl_->stream->WritesDone();

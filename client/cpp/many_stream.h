@@ -37,6 +37,8 @@ class ManyStream {
   // The same with a stored mesh (Client::VoxelizeStored).
   absl::Status SendStored(uint64_t id, const std::string& mesh_name, const VoxelizeRequest& request,
                           std::span<const float> new_positions = {});
+  // The same with several stored meshes on one grid (Client::VoxelizePlaced).
+  absl::Status SendPlaced(uint64_t id, std::span<const PlacedStored> meshes, const VoxelizeRequest& request);
   // Ends sending. Call once.
   void FinishSending();
 

@@ -17,6 +17,7 @@
 #include "reply/list_check.h"
 #include "result_reader.h"
 #include "upload_pieces.h"
+#include "wire/placed.h"
 #include "wire/request.h"
 
 namespace voxelpipe {
@@ -113,6 +114,10 @@ void WriteWithBytes(const MeshSource& mesh, v1::MeshSource& message) {
 }
 
 void WriteWithoutBytes(const MeshSource& mesh, v1::MeshSource& message) {
+  if (mesh.placed) {
+    WriteTo(*mesh.placed, *message.mutable_placed());
+    return;
+  }
   if (!mesh.stored) {
     WriteTo(mesh.type, *message.mutable_bytes());
     return;

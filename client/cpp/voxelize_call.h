@@ -15,16 +15,19 @@
 
 namespace voxelpipe {
 
-// The mesh of a call: a file, or a stored mesh, with its own or new positions.
+// The mesh of a call: a file; a stored mesh, with its own or new positions; or several stored ones, placed.
 struct MeshSource {
   std::span<const uint8_t> bytes;  // the file, or the new positions
   MeshFileType type;
-  std::optional<std::string> stored;  // the name; absent: a file
+  std::optional<std::string> stored;                    // the name
+  std::optional<std::span<const PlacedStored>> placed;  // neither: a file
 
-  static MeshSource File(std::span<const uint8_t> bytes, MeshFileType type) { return {bytes, type, std::nullopt}; }
+  static MeshSource File(std::span<const uint8_t> bytes, MeshFileType type) { return {bytes, type, {}, {}}; }
   static MeshSource Stored(std::string name, std::span<const float> new_positions) {
-    return {{reinterpret_cast<const uint8_t*>(new_positions.data()), new_positions.size_bytes()}, {}, std::move(name)};
+    return {
+        {reinterpret_cast<const uint8_t*>(new_positions.data()), new_positions.size_bytes()}, {}, std::move(name), {}};
   }
+  static MeshSource Placed(std::span<const PlacedStored> meshes) { return {{}, {}, {}, meshes}; }
 };
 
 // INVALID_ARGUMENT, as in-process, for a request that messages cannot express: without targets, which in messages means
