@@ -154,7 +154,8 @@ void AddBatchCommand(Command& app, int& exit_code) {
   };
   command
       .AddOption("MANIFEST", plan.manifest,
-                 Wrapped("JSON lines, an object a mesh: \"input\", optionally \"id\", \"output\", \"format\", "
+                 Wrapped("JSON lines, an object a mesh: \"input\" (or \"meshes\": several on one grid), optionally "
+                         "\"id\", \"output\", \"format\", "
                          "\"preview\", \"view\" and any option below without its dashes"))
       .Required()
       .Type("")

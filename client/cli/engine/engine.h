@@ -14,7 +14,7 @@
 #include "load/file_bytes.h"
 #include "load/load_mesh.h"
 #include "load/pack.h"
-#include "mesh/placed_mesh.h"
+#include "options/together.h"
 #include "pipeline/voxelize.h"
 #include "shaders/catalog.h"
 
@@ -47,16 +47,10 @@ struct MeshInput {
   MeshFileType type{};     // its format kAuto if the content shows it
 };
 
-// A mesh of several on one grid: `placement.mesh` is set when the file is loaded.
-struct PlacedInput {
-  size_t file = 0;  // index into MeshInputs::files
-  PlacedMesh placement;
-};
-
 // The meshes of one run.
 struct MeshInputs {
   std::vector<MeshInput> files;     // each once; at least one
-  std::vector<PlacedInput> placed;  // empty: files[0], as it is
+  std::vector<PlacedInput> placed;  // of `files`; empty: files[0], as it is
 };
 
 // How the file of a mesh is to be read.

@@ -137,7 +137,9 @@ absl::Status ReadKey(const std::string& key, const json& value, const std::strin
 std::vector<std::string> WithTogetherValue(std::vector<std::string> arguments) {
   for (size_t i = 0; i < arguments.size() && arguments[i] != "--"; ++i) {
     if (arguments[i] != "--together") continue;
-    if (i + 1 < arguments.size() && FileExtension(arguments[i + 1]) == ".json") continue;
+    // An empty value comes from an unset variable of a script, and is refused as one.
+    const bool last = i + 1 == arguments.size();
+    if (!last && (arguments[i + 1].empty() || FileExtension(arguments[i + 1]) == ".json")) continue;
     absl::StrAppend(&arguments[i], "=", kTogetherInputs);
   }
   return arguments;

@@ -7,9 +7,15 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "absl/status/statusor.h"
-#include "engine/engine.h"
+#include "mesh/placed_mesh.h"
 
 namespace voxelpipe::cli {
+
+// A mesh of several on one grid: `placement.mesh` is set when its file is loaded.
+struct PlacedInput {
+  size_t file = 0;  // its number in a list of files
+  PlacedMesh placement;
+};
 
 // Meshes by the paths of their files.
 struct Together {

@@ -76,9 +76,10 @@ Answer AskHere(cli::Engine& engine, const Case& asked) {
   Answer answer;
   answer.status = ValidateRequest(asked.request);  // as the CLI does, before it reads a mesh
   if (!answer.status.ok()) return answer;
-  cli::MeshInput mesh;
+  cli::MeshInputs meshes;
+  cli::MeshInput& mesh = meshes.files.emplace_back();
   mesh.bytes.assign(asked.mesh.begin(), asked.mesh.end());
-  answer.status = engine.Run(std::move(mesh), asked.request, 1, job, sink).status();
+  answer.status = engine.Run(std::move(meshes), asked.request, 1, job, sink).status();
   answer.seconds = Since(begin);
   if (answer.status.ok()) answer.hash = sink.Digest();
   return answer;

@@ -41,7 +41,7 @@ class ScriptedEngine final : public Engine {
  public:
   ScriptedEngine(std::string server, Script& script) : server_(std::move(server)), script_(script) {}
 
-  absl::StatusOr<EngineRun> Run(MeshInput, const VoxelizeRequest& request, int, JobContext& job, ResultSink& sink,
+  absl::StatusOr<EngineRun> Run(MeshInputs, const VoxelizeRequest& request, int, JobContext& job, ResultSink& sink,
                                 VoxelizeResult*) override {
     ++script_.calls;
     {
