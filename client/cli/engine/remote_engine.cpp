@@ -42,8 +42,6 @@ class RemoteEngine : public Engine {
                                 ResultSink& sink, VoxelizeResult* whole) override {
     // Sibling files are packed in: the server cannot read this machine's disk.
     if (absl::Status status = Connect(); !status.ok()) return status;
-    if (!meshes.placed.empty()) return absl::UnimplementedError("--together: not on a server yet");
-    MeshInput& mesh = meshes.files[0];
     EngineRun run;
     run.server_peak_bytes = 0;
     const auto add = [&](RemoteRun& remote) {
@@ -54,8 +52,9 @@ class RemoteEngine : public Engine {
       run.server_peak_bytes = std::max(*run.server_peak_bytes, remote.peak_bytes);
       if (request.fill != Fill::kNone) run.open_edges = remote.report.open_edges;
     };
+    Source source(*client_, std::move(meshes), request, job);
     if (repeat == 1 && whole == nullptr) {
-      absl::StatusOr<RemoteRun> remote = client_->VoxelizeTo(mesh.bytes, mesh.type, request, job, sink);
+      absl::StatusOr<RemoteRun> remote = source.RunTo(sink);
       if (!remote.ok()) return remote.status();
       add(*remote);
       return run;
@@ -63,7 +62,7 @@ class RemoteEngine : public Engine {
     VoxelizeResult last;
     for (int i = 0; i < repeat; ++i) {
       last = VoxelizeResult();  // freed before the next one arrives: one result in memory at a time
-      absl::StatusOr<RemoteResult> remote = client_->Voxelize(mesh.bytes, mesh.type, request, job);
+      absl::StatusOr<RemoteResult> remote = source.Run();
       if (!remote.ok()) return remote.status();
       last = std::move(remote->result);
       add(*remote);
@@ -79,6 +78,52 @@ class RemoteEngine : public Engine {
   }
 
  private:
+  // The mesh of a run: one file, which goes with each call; or several meshes, which the server keeps.
+  class Source {
+   public:
+    Source(Client& client, MeshInputs meshes, const VoxelizeRequest& request, const JobContext& job)
+        : client_(client), meshes_(std::move(meshes)), request_(request), job_(job) {}
+
+    absl::StatusOr<RemoteResult> Run() {
+      const MeshInput& mesh = meshes_.files[0];
+      if (meshes_.placed.empty()) return client_.Voxelize(mesh.bytes, mesh.type, request_, job_);
+      return OfStored<RemoteResult>([&](const auto& placed) { return client_.VoxelizePlaced(placed, request_, job_); });
+    }
+    absl::StatusOr<RemoteRun> RunTo(ResultSink& sink) {
+      const MeshInput& mesh = meshes_.files[0];
+      if (meshes_.placed.empty()) return client_.VoxelizeTo(mesh.bytes, mesh.type, request_, job_, sink);
+      return OfStored<RemoteRun>(
+          [&](const auto& placed) { return client_.VoxelizePlacedTo(placed, request_, job_, sink); });
+    }
+
+   private:
+    // Uploads the files, unless the server has them, and calls with their names. A second time if the server dropped
+    // one of them in between.
+    template <typename Reply, typename Call>
+    absl::StatusOr<Reply> OfStored(const Call& call) {
+      for (bool again = false;; again = true) {
+        std::vector<std::string> names;
+        for (const MeshInput& file : meshes_.files) {
+          absl::StatusOr<StoredMesh> stored = client_.UploadMesh(file.bytes, file.type, job_);
+          if (!stored.ok()) return stored.status();
+          names.push_back(std::move(stored->name));
+        }
+        std::vector<PlacedStored> placed;
+        for (const PlacedInput& input : meshes_.placed) {
+          const PlacedMesh& p = input.placement;
+          placed.push_back({names[input.file], p.matrix, p.name, p.label, p.priority, p.motion});
+        }
+        absl::StatusOr<Reply> reply = call(placed);
+        if (again || !absl::IsNotFound(reply.status())) return reply;
+      }
+    }
+
+    Client& client_;
+    const MeshInputs meshes_;
+    const VoxelizeRequest& request_;
+    const JobContext& job_;
+  };
+
   absl::Status Connect() {
     if (client_ != nullptr) return absl::OkStatus();
     absl::StatusOr<std::unique_ptr<Client>> client = ConnectTo(target_, retries_);

@@ -98,6 +98,27 @@ TEST_F(SameTextTest, AnErrorReadsTheSameHereAndServedAndANameOfMegabytesIsCut) {
   }
 }
 
+TEST_F(SameTextTest, SeveralMeshesOnOneGridAreTheSameHereAndServed) {
+  const std::string server = Start();
+  const json matrix = {0, -1, 0, 2, 1, 0, 0, 0, 0, 0, 1, 0.5, 0, 0, 0, 1};
+  const json meshes = {{{"input", "torus.glb"}, {"motion", {{"linear", {1, 2, 3}}}}},
+                       {{"input", "triangles.glb"}},
+                       {{"input", "torus.glb"}, {"matrix", matrix}, {"name", "turned"}}};
+  std::ofstream(directory_ / "list.json") << json{{"meshes", meshes}};
+  std::vector<std::string> arguments = {"voxelize", "--together", directory_ / "list.json", "--resolution", "40"};
+  arguments.insert(arguments.end(), {"--target", "velocity:f32", "--target", "triangle_id:u32", "--json"});
+  const CliOutcome here = RunCli(arguments);
+  ASSERT_EQ(here.exit_code, 0) << here.err;
+  for (const std::string repeat : {"1", "2"}) {  // at 2 the result comes whole
+    std::vector<std::string> served = arguments;
+    served.insert(served.end(), {"--server", server, "--repeat", repeat});
+    const CliOutcome there = RunCli(served);
+    ASSERT_EQ(there.exit_code, 0) << there.err;
+    EXPECT_EQ(ParseJson(there.out)["hash"], ParseJson(here.out)["hash"]);
+    EXPECT_EQ(ParseJson(there.out)["triangles"], ParseJson(here.out)["triangles"]);
+  }
+}
+
 TEST_F(BenchTest, AClosedLoopIsAnsweredWithTheRightBytes) {
   const std::string server = Start();
   const json run =
