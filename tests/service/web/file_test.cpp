@@ -222,6 +222,11 @@ TEST_F(FileTest, OfAStoredMesh) {
   const HttpReply reply = FileOf("npy", request.SerializeAsString());
   EXPECT_EQ(reply.code, 200) << reply.body;
   EXPECT_TRUE(reply.body == of_bytes.body);
+  v1::PlacedMesh& placed = *request.mutable_mesh()->mutable_placed()->add_meshes();
+  placed.set_mesh(mesh.name());
+  EXPECT_TRUE(FileOf("npy", request.SerializeAsString()).body == of_bytes.body) << "placed where it is";
+  placed.set_label(0);
+  EXPECT_EQ(FileOf("npy", request.SerializeAsString()).code, 400);
   request.mutable_mesh()->mutable_stored()->set_name("meshes/" + std::string(64, 'a'));
   const HttpReply missing = FileOf("npy", request.SerializeAsString());
   EXPECT_EQ(missing.code, 404);
