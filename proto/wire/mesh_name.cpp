@@ -3,12 +3,10 @@
 #include <algorithm>
 
 #include "absl/strings/str_cat.h"
-#include "base/checksum/sha256.h"
 
 namespace voxelpipe {
 namespace {
 
-constexpr std::string_view kCollection = "meshes/";
 constexpr size_t kDigits = 64;
 
 constexpr LengthUnit kUnits[] = {LengthUnit::kMillimetre, LengthUnit::kCentimetre, LengthUnit::kMetre,
@@ -30,17 +28,10 @@ void Drop(const Value (&values)[N], std::string_view& text) {
 
 }  // namespace
 
-std::string MeshNameOf(std::span<const uint8_t> bytes, const MeshFileType& type) {
-  std::string name = absl::StrCat(std::string(kCollection), Sha256Hex(bytes));
-  if (type.unit != LengthUnit::kNone) absl::StrAppend(&name, "-", std::string(Name(type.unit)));
-  if (type.format != MeshFormat::kAuto) absl::StrAppend(&name, "-", std::string(Name(type.format)));
-  return name;
-}
-
 absl::Status CheckMeshName(std::string_view name, std::string_view field) {
   std::string_view rest = name;
-  const bool begins = rest.substr(0, kCollection.size()) == kCollection;
-  if (begins) rest.remove_prefix(kCollection.size());
+  const bool begins = rest.substr(0, kMeshCollection.size()) == kMeshCollection;
+  if (begins) rest.remove_prefix(kMeshCollection.size());
   const std::string_view digits = rest.substr(0, kDigits);
   const bool hexadecimal = std::all_of(digits.begin(), digits.end(),
                                        [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); });

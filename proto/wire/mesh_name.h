@@ -11,6 +11,8 @@
 
 namespace voxelpipe {
 
+inline constexpr std::string_view kMeshCollection = "meshes/";  // what all of them begin with
+
 // In: the bytes of a mesh file, and the format and the unit that are given with it. Out: the name of the mesh on a
 // server: "meshes/" and the SHA-256 of the bytes in lower-case hexadecimal digits; then "-mm", "-cm", "-m" or "-in"
 // where a unit is given, then "-obj" and so on where a format is given.
