@@ -128,11 +128,14 @@ struct Buffer {
 // The sources of a call's meshes and the buffers that they refer to.
 class Sources {
  public:
-  // In: a HeldMesh, or a buffer with the bytes of a mesh file of this type; new positions, or None.
+  // In: a HeldMesh, a buffer with the bytes of a mesh file of this type, or a list of several HeldMesh; new positions,
+  // or None.
   void Add(const py::handle& mesh, MeshFileType type, const py::object& positions) {
     MeshSource& source = sources_.emplace_back();
     source.type = type;
-    if (py::isinstance<HeldMesh>(mesh)) {
+    if (py::isinstance<py::list>(mesh)) {
+      for (const py::handle one : mesh) source.several.push_back(py::cast<std::shared_ptr<HeldMesh>>(one));
+    } else if (py::isinstance<HeldMesh>(mesh)) {
       source.held = py::cast<std::shared_ptr<HeldMesh>>(mesh);
     } else {
       source.file = buffers_.emplace_back(mesh).bytes();
@@ -199,29 +202,65 @@ py::tuple Run(const std::string& request, const py::object& mesh, std::optional<
   return Answer(*std::move(outcome), config.request);
 }
 
+// Jobs that run at the same time, without progress.
+struct Jobs {
+  void Add(std::optional<double> timeout) {
+    each.push_back(&all.emplace_back());
+    SetTimeout(all.back(), timeout);
+  }
+  void Run(const std::function<void()>& work) {
+    const auto cancel = [this] {
+      for (JobContext& job : all) job.Cancel();
+    };
+    RunInterruptible(cancel, work);
+  }
+  std::deque<JobContext> all;
+  std::vector<JobContext*> each;
+};
+
+py::bytes ErrorOf(const absl::Status& status) {
+  return ToGrpcStatus(status).error_details();
+}
+
 py::list RunAll(const std::string& request, const py::list& meshes, std::optional<double> timeout) {
   const ParsedConfig config = Parsed(request);
   Sources sources;
-  std::deque<JobContext> jobs;
-  std::vector<JobContext*> each;
+  Jobs jobs;
   for (const py::handle item : meshes) {
     const auto [mesh, format, unit] = py::cast<std::tuple<py::object, int, int>>(item);
     sources.Add(mesh, TypeOf(format, unit), py::none());
-    each.push_back(&jobs.emplace_back());
-    SetTimeout(jobs.back(), timeout);
+    jobs.Add(timeout);
   }
   std::vector<absl::StatusOr<Outcome>> outcomes;
-  RunInterruptible(
-      [&] {
-        for (JobContext& job : jobs) job.Cancel();
-      },
-      [&] { outcomes = RunMany(config, sources.list(), each); });
+  jobs.Run([&] { outcomes = RunMany(config, sources.list(), jobs.each); });
   py::list answers;
   for (absl::StatusOr<Outcome>& outcome : outcomes) {
     if (outcome.ok()) {
       answers.append(Answer(*std::move(outcome), config.request));
     } else {
-      answers.append(py::bytes(ToGrpcStatus(outcome.status()).error_details()));
+      answers.append(ErrorOf(outcome.status()));
+    }
+  }
+  return answers;
+}
+
+py::list LoadEach(const py::list& meshes, std::optional<double> timeout) {
+  std::deque<Buffer> buffers;
+  std::vector<NamedFile> files;
+  Jobs jobs;
+  for (const py::handle item : meshes) {
+    const auto [mesh, format, unit, name] = py::cast<std::tuple<py::object, int, int, std::string>>(item);
+    files.push_back({buffers.emplace_back(mesh).bytes(), TypeOf(format, unit), name});
+    jobs.Add(timeout);
+  }
+  std::vector<absl::StatusOr<std::shared_ptr<HeldMesh>>> loaded;
+  jobs.Run([&] { loaded = LoadAll(files, jobs.each); });
+  py::list answers;
+  for (const absl::StatusOr<std::shared_ptr<HeldMesh>>& mesh : loaded) {
+    if (mesh.ok()) {
+      answers.append(*mesh);
+    } else {
+      answers.append(ErrorOf(mesh.status()));
     }
   }
   return answers;
@@ -298,6 +337,7 @@ PYBIND11_MODULE(_core, module) {
       .def("health", &voxelpipe::Health, py::arg("timeout"));
   module.def("load", &voxelpipe::Load, py::arg("mesh"), py::arg("format"), py::arg("unit"), py::arg("name"),
              py::arg("timeout"), py::arg("progress"));
+  module.def("load_all", &voxelpipe::LoadEach, py::arg("meshes"), py::arg("timeout"));
   module.def("run", &voxelpipe::Run, py::arg("request"), py::arg("mesh"), py::arg("timeout"), py::arg("progress"),
              py::arg("on_device") = false, py::arg("positions") = py::none());
   module.def("run_all", &voxelpipe::RunAll, py::arg("request"), py::arg("meshes"), py::arg("timeout"));

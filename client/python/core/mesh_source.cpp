@@ -1,12 +1,17 @@
 #include "mesh_source.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <string_view>
+#include <unordered_map>
 
 #include "absl/strings/str_cat.h"
+#include "base/wall_clock.h"
 #include "load/decode/image.h"
 #include "mesh/content_id.h"
 #include "mesh/mesh_bytes.h"
+#include "mesh/placed_mesh.h"
 #include "pipeline/warnings.h"
 #include "shaders/catalog.h"
 #include "wire/response.h"
@@ -38,6 +43,16 @@ absl::StatusOr<std::shared_ptr<HeldMesh>> HeldMesh::Load(std::span<const uint8_t
   CheckImages(held->mesh_);
   held->warnings_ = AllWarningsOf(held->mesh_);
   return held;
+}
+
+absl::Status HeldMesh::Prepare(const TextureUse& textures, const JobContext& job) {
+  const auto prepared = [&] {
+    const std::shared_lock lock(mutex_);
+    return Covers(decoded_, textures);  // which textures only join
+  };
+  if (prepared()) return absl::OkStatus();
+  const std::lock_guard decoding(decoding_);
+  return prepared() ? absl::OkStatus() : Decode(textures, job);
 }
 
 absl::Status HeldMesh::Decode(const TextureUse& textures, const JobContext& job) {
@@ -84,7 +99,9 @@ absl::StatusOr<std::unique_ptr<UsedMesh>> UsedMesh::Open(const MeshSource& sourc
                                                          const JobContext& job) {
   const VoxelizeRequest& request = config.request;
   std::unique_ptr<UsedMesh> used(new UsedMesh);
-  if (source.held) {
+  if (config.placed) {
+    if (absl::Status s = used->Place(source, *config.placed, TexturesRead(request), job); !s.ok()) return s;
+  } else if (source.held) {
     if (absl::Status s = used->Hold(source, TexturesRead(request), job); !s.ok()) return s;
   } else {
     absl::StatusOr<LoadedMesh> loaded = LoadMeshFor(job, source.file, {source.type, TexturesRead(request), {}});
@@ -102,24 +119,15 @@ absl::StatusOr<std::unique_ptr<UsedMesh>> UsedMesh::Open(const MeshSource& sourc
 }
 
 absl::StatusOr<MeshReport> UsedMesh::Report(const JobContext& job) const {
-  if (held_ != nullptr && !moved_) return examined_ ? held_->Examined(job) : held_->report_;
+  if (!held_.empty() && !made_) return examined_ ? held_[0]->Examined(job) : held_[0]->report_;
   return examined_ ? ReportMesh(job, *mesh_) : BoxReport(job, *mesh_);
 }
 
 absl::Status UsedMesh::Hold(const MeshSource& source, const TextureUse& textures, const JobContext& job) {
-  held_ = source.held;
-  HeldMesh& held = *held_;
-  lock_ = std::shared_lock(held.mutex_);
-  if (!Covers(held.decoded_, textures)) {
-    lock_.unlock();
-    const std::lock_guard decoding(held.decoding_);
-    lock_.lock();
-    if (!Covers(held.decoded_, textures)) {
-      lock_.unlock();
-      if (absl::Status s = held.Decode(textures, job); !s.ok()) return s;
-      lock_.lock();
-    }
-  }
+  held_ = {source.held};
+  HeldMesh& held = *source.held;
+  if (absl::Status s = held.Prepare(textures, job); !s.ok()) return s;
+  locks_.emplace_back(held.mutex_);
   mesh_ = &held.mesh_;
   peak_bytes_ = MeshBytes(*mesh_);
   return source.positions ? Move(*source.positions) : absl::OkStatus();
@@ -133,7 +141,7 @@ absl::Status UsedMesh::Move(std::span<const uint8_t> positions) {
                                                    " bytes are wanted, x, y, z of ", vertices, " vertices; ",
                                                    positions.size(), " came"));
   }
-  TriangleMesh& moved = moved_.emplace(*mesh_);
+  TriangleMesh& moved = made_.emplace(*mesh_);
   moved.content_id = NewMovedId(moved.content_id);
   for (size_t i = 0; i < vertices; ++i) {
     float xyz[3];
@@ -145,6 +153,38 @@ absl::Status UsedMesh::Move(std::span<const uint8_t> positions) {
   }
   mesh_ = &moved;
   peak_bytes_ += MeshBytes(moved) + positions.size();
+  return absl::OkStatus();
+}
+
+absl::Status UsedMesh::Place(const MeshSource& source, std::span<const PlacedStored> placed, const TextureUse& textures,
+                             const JobContext& job) {
+  held_ = source.several;
+  std::sort(held_.begin(), held_.end());  // every job locks in one order, so that no two wait for each other
+  held_.erase(std::unique(held_.begin(), held_.end()), held_.end());
+  std::unordered_map<std::string_view, std::shared_ptr<const TriangleMesh>> by_name;
+  for (const std::shared_ptr<HeldMesh>& held : held_) {
+    if (absl::Status s = held->Prepare(textures, job); !s.ok()) return s;
+    by_name.emplace(held->name_, std::shared_ptr<const TriangleMesh>(held, &held->mesh_));  // shared, not copied
+  }
+  for (const std::shared_ptr<HeldMesh>& held : held_) {
+    locks_.emplace_back(held->mutex_);  // until the job has ended: the placed mesh shares their images
+    peak_bytes_ += MeshBytes(held->mesh_);
+  }
+  job.Report("place", 0);
+  const double begin = WallMs();
+  std::vector<PlacedMesh> meshes;
+  meshes.reserve(placed.size());
+  for (const PlacedStored& one : placed) {
+    const auto mesh = by_name.find(one.mesh);
+    if (mesh == by_name.end()) return MissingMeshError(one.mesh);
+    meshes.push_back({mesh->second, one.matrix, one.name, one.label, one.priority, one.motion});
+  }
+  absl::StatusOr<TriangleMesh> mesh = PlaceMeshes(job, meshes);
+  if (!mesh.ok()) return mesh.status();
+  mesh_ = &made_.emplace(*std::move(mesh));
+  peak_bytes_ += MeshBytes(*mesh_);
+  stages_ = {{"place", WallMs() - begin}};
+  job.Report("place", 1);
   return absl::OkStatus();
 }
 

@@ -30,6 +30,8 @@ class HeldMesh {
   static absl::StatusOr<std::shared_ptr<HeldMesh>> Load(std::span<const uint8_t> file, MeshFileType type,
                                                         std::string name, const JobContext& job);
 
+  const std::string& name() const { return name_; }
+
   // As a server describes it.
   v1::Mesh Describe() const;
 
@@ -39,6 +41,8 @@ class HeldMesh {
  private:
   friend class UsedMesh;
   HeldMesh() = default;
+  // Decodes those textures that are not decoded yet. The caller has the lock of no held mesh.
+  absl::Status Prepare(const TextureUse& textures, const JobContext& job);
   absl::Status Decode(const TextureUse& textures, const JobContext& job);
   // The report that a request with a fill gets; its edges are counted once. The caller holds mutex_.
   absl::StatusOr<MeshReport> Examined(const JobContext& job);
@@ -58,18 +62,21 @@ class HeldMesh {
 };
 
 // Where a request has its mesh from: the bytes of a file, or a held mesh, perhaps with new positions: x, y, z as float
-// of each vertex, bytes.
+// of each vertex, bytes; or several held meshes that are placed on one grid.
 struct MeshSource {
   std::span<const uint8_t> file;
   MeshFileType type;               // of the file
   std::shared_ptr<HeldMesh> held;  // null: the file
   std::optional<std::span<const uint8_t>> positions;
+  // Where the request places several meshes: each of them, once; not null.
+  std::vector<std::shared_ptr<HeldMesh>> several;
 };
 
-// The mesh of one request, with the textures that its shaders read. A held mesh stays as it is meanwhile.
+// The mesh of one request, with the textures that its shaders read. Held meshes stay as they are meanwhile.
 class UsedMesh {
  public:
-  // Errors: those of LoadMeshFor and PrepareTexturesFor, as of a mesh; INVALID_ARGUMENT for positions that do not fit.
+  // Errors: those of LoadMeshFor and PrepareTexturesFor, as of a mesh; INVALID_ARGUMENT for positions that do not fit;
+  // of several meshes MissingMeshError if one is not among the source's, and those of PlaceMeshes.
   static absl::StatusOr<std::unique_ptr<UsedMesh>> Open(const MeshSource& source, const ParsedConfig& config,
                                                         const JobContext& job);
 
@@ -83,12 +90,14 @@ class UsedMesh {
   UsedMesh() = default;
   absl::Status Hold(const MeshSource& source, const TextureUse& textures, const JobContext& job);
   absl::Status Move(std::span<const uint8_t> positions);
+  absl::Status Place(const MeshSource& source, std::span<const PlacedStored> placed, const TextureUse& textures,
+                     const JobContext& job);
   absl::StatusOr<MeshReport> Report(const JobContext& job) const;
 
-  std::shared_ptr<HeldMesh> held_;
-  std::shared_lock<std::shared_mutex> lock_;  // of the held mesh
+  std::vector<std::shared_ptr<HeldMesh>> held_;
+  std::vector<std::shared_lock<std::shared_mutex>> locks_;  // of the held meshes
   std::optional<LoadedMesh> loaded_;
-  std::optional<TriangleMesh> moved_;
+  std::optional<TriangleMesh> made_;    // of held ones: with new positions, or placed
   const TriangleMesh* mesh_ = nullptr;  // one of those
   MeshReport report_;
   bool examined_ = false;

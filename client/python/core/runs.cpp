@@ -53,6 +53,15 @@ bool IsOfTheRequest(const absl::Status& status) {
 
 }  // namespace
 
+std::vector<absl::StatusOr<std::shared_ptr<HeldMesh>>> LoadAll(std::span<const NamedFile> files,
+                                                               std::span<JobContext* const> jobs) {
+  std::vector<absl::StatusOr<std::shared_ptr<HeldMesh>>> meshes(files.size());
+  tbb::parallel_for(size_t{0}, files.size(), [&](size_t i) {
+    meshes[i] = WithoutBadAlloc([&] { return HeldMesh::Load(files[i].file, files[i].type, files[i].name, *jobs[i]); });
+  });
+  return meshes;
+}
+
 absl::StatusOr<Outcome> RunOne(const ParsedConfig& config, const MeshSource& source, const JobContext& job,
                                bool on_device) {
   if (on_device && config.request.result != ResultKind::kDense) {
@@ -115,7 +124,7 @@ absl::StatusOr<v1::EstimateVoxelizationResponse> EstimateOne(const ParsedConfig&
     v1::EstimateVoxelizationResponse response;
     WriteTo(*plan, *response.mutable_plan());
     WriteTo((*used)->report(), (*used)->examined(), *response.mutable_report());
-    if (!source.held) CheckImages(mesh);  // others read those of a held one
+    if (!source.held && !config.placed) CheckImages(mesh);  // others read those of held ones
     WriteWarnings(AllWarningsOf(mesh), response);
     return response;
   });

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <span>
 #include <string>
 #include <utility>
@@ -26,6 +27,17 @@ struct Outcome {
   std::vector<std::pair<std::string, double>> mesh_stages;
   uint64_t peak_bytes = 0;
 };
+
+// A mesh file that is to stay loaded, and its name.
+struct NamedFile {
+  std::span<const uint8_t> file;
+  MeshFileType type;
+  std::string name;
+};
+
+// Loads the files side by side. In: a job each. Out: a mesh each, in their order; errors: those of HeldMesh::Load.
+std::vector<absl::StatusOr<std::shared_ptr<HeldMesh>>> LoadAll(std::span<const NamedFile> files,
+                                                               std::span<JobContext* const> jobs);
 
 // Errors: those of UsedMesh and of Voxelize. `on_device`: also FAILED_PRECONDITION if the result cannot stay on a GPU.
 absl::StatusOr<Outcome> RunOne(const ParsedConfig& config, const MeshSource& source, const JobContext& job,

@@ -2,7 +2,20 @@
 
 It speaks the messages of the service as bytes; programs use voxelpipe.voxelize().
 """
-from ._core import DeviceBuffer, Failed, HeldMesh, estimate, formats, load, not_kept, run, run_all, shaders, write
+from ._core import (
+    DeviceBuffer,
+    Failed,
+    HeldMesh,
+    estimate,
+    formats,
+    load,
+    load_all,
+    not_kept,
+    run,
+    run_all,
+    shaders,
+    write,
+)
 
 __all__ = [
     "DeviceBuffer",
@@ -11,6 +24,7 @@ __all__ = [
     "estimate",
     "formats",
     "load",
+    "load_all",
     "not_kept",
     "run",
     "run_all",

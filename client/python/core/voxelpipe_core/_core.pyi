@@ -36,6 +36,11 @@ def load(
 ) -> HeldMesh:
     """Loads a mesh file, whose bytes are not needed later. In: MeshFormat, LengthUnit; otherwise as run()."""
 
+def load_all(meshes: list[tuple[Any, int, int, str]], timeout: float | None) -> list[HeldMesh | bytes]:
+    """Loads several mesh files side by side. In: each with its MeshFormat, LengthUnit and name. timeout: of each. Out:
+    of each what load() gives, or its error, a google.rpc.Status as bytes.
+    """
+
 def run(
     request: bytes,
     mesh: Any,
@@ -46,11 +51,12 @@ def run(
 ) -> tuple[bytes, list[Any], bytes]:
     """Runs one request; the GIL is released meanwhile.
 
-    request: a VoxelizeRequest, of whose mesh only format and unit are read. mesh: a HeldMesh, or a buffer with the
-    bytes of a mesh file that refers to no others. timeout: seconds. progress: called from another thread. positions: of
-    a held mesh: a buffer of float32 x, y, z of each vertex. Out: a ResultHeader, the arrays in stream order as flat
-    bytes that own their memory (numpy, uint8), or DeviceBuffer objects with on_device, a Summary. Errors: Failed; what
-    progress or a signal handler raised, after the job has ended.
+    request: a VoxelizeRequest; of a mesh in it only format and unit are read. mesh: a HeldMesh, or a buffer with the
+    bytes of a mesh file that refers to no others; of a request that places several a list of HeldMesh, whose names
+    those of the request are. timeout: seconds. progress: called from another thread. positions: of a held mesh: a
+    buffer of float32 x, y, z of each vertex. Out: a ResultHeader, the arrays in stream order as flat bytes that own
+    their memory (numpy, uint8), or DeviceBuffer objects with on_device, a Summary. Errors: Failed; what progress or a
+    signal handler raised, after the job has ended.
     """
 
 def run_all(
