@@ -34,6 +34,7 @@ from .errors import (
 )
 from ._mesh.forms import MeshFile, load_mesh
 from ._mesh.glb import Mesh
+from ._mesh.placed import Motion
 from .grid import Sparse, VoxelGrid
 from .in_process_client import InProcessClient
 from .local_server import LocalServer, local_server
@@ -68,6 +69,7 @@ __all__ = [
     "MeshReport",
     "MeshWarning",
     "MissingPackage",
+    "Motion",
     "NotAvailable",
     "Overloaded",
     "PermissionDenied",

@@ -80,7 +80,7 @@ class AsyncClient:
 
     @client_method
     async def voxelize(self, mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
-        """Voxelizes one mesh on this server: see voxelpipe.voxelize() and Client.voxelize()."""
+        """Voxelizes one mesh, or several on one grid: see voxelpipe.voxelize() and Client.voxelize()."""
         return await self._calls.voxelize(mesh, call)
 
     async def voxelize_many(

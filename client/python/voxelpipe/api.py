@@ -17,7 +17,7 @@ from .grid import VoxelGrid
 from .in_process_client import InProcessClient, start_server
 from .local_server import LocalServer
 from .mesh_handle import MeshHandle, job_of
-from .options import make_request, with_options
+from .options import make_call, with_options
 from .report import MeshInfo
 from .request import Call, checked_timeout
 
@@ -66,7 +66,7 @@ def default_client(server: ServerLike = "") -> Client:
 
 @with_options
 def voxelize(mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
-    """Voxelizes one mesh.
+    """Voxelizes one mesh, or several on one grid.
 
         r = voxelpipe.voxelize("car.glb", resolution=256, color="base_color:srgb8", normal="normal:f32")
         r.mask, r.color, r.normal    # (nz, ny, nx) bool, (nz, ny, nx, 4) uint8, (nz, ny, nx, 3) float32
@@ -74,7 +74,13 @@ def voxelize(mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
 
     mesh: a path (.glb, .gltf with its files, .drc, .stl, .ply, .off, .obj with its materials, .3mf), the bytes of such
         a file, a binary file object, (vertices, faces), voxelpipe.Mesh, what load_mesh returns, or an object of
-        trimesh, Open3D, meshio or VTK, or with `vertices` and `faces`.
+        trimesh, Open3D, meshio or VTK, or with `vertices` and `faces`. With together=True a list of such meshes, and
+        of handles from upload(); the same one may stand in it several times.
+    together: all meshes of the list on one grid, as if they were one mesh. Each option is a list, one for each mesh,
+        None: the default. transforms: 4x4 matrices M, p becomes M p, in 4 rows or 16 numbers row by row (None: the mesh
+        stays where it is). names: default: the file's, with its extension, or the id of a stored mesh. labels: whole
+        numbers from 1 (its number in the list). priorities: whole numbers (0). motions: Motion objects, or mappings
+        with linear, angular, center (None: it does not move); the shader `velocity` gives them.
 
     The grid, one of five: resolution, voxels along the longest extent (default 128); voxel_size, world units, one
         number or x, y, z; dims (x, y, z), cubic voxels in which the mesh is centred; voxel_size, dims and origin (the
@@ -155,8 +161,10 @@ def voxelize_on_device(
     to be made in one slab; MissingPackage without voxelpipe_core.
     """
     core_module.needed("voxelize_on_device")
-    request = make_request(backend="cuda", **options)
-    return in_process.run_on_device(Job(request, load_mesh(mesh)), checked_timeout(timeout), progress)
+    call = make_call(backend="cuda", **options)
+    several = call.together is not None
+    job = job_of(mesh, call)[0] if several else Job(call.request, load_mesh(mesh))
+    return in_process.run_on_device(job, checked_timeout(timeout), progress)
 
 
 def shutdown(_: Any = None) -> None:

@@ -91,10 +91,11 @@ class Client:
 
     @client_method
     def voxelize(self, mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
-        """Voxelizes one mesh on this server: see voxelpipe.voxelize() for the options.
+        """Voxelizes one mesh, or several on one grid, on this server: see voxelpipe.voxelize() for the options.
 
         mesh: also a handle from upload(); then new_positions, (n, 3) in world units for the n vertices of the flattened
-        mesh (handle.stored.mesh.vertices), replace its own. timeout: seconds; None: the client's.
+        mesh (handle.stored.mesh.vertices), replace its own. With together=True the meshes of the list are stored on the
+        server first, each that it does not have yet. timeout: seconds; None: the client's.
         """
         job, file = job_of(mesh, call)
         return self.run(job, file, timeout=call.timeout, progress=call.progress)

@@ -7,16 +7,17 @@ from typing import Any, Callable, Iterable, Iterator, Sequence
 from ._calls import core_module, in_process
 from ._calls.many import unreadable
 from ._calls.progress import Progress
+from ._calls.retry import Deadline
 from ._calls.session import Job
 from ._calls.wire import parsed
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
 from ._proto.voxelpipe.v1 import mesh_pb2, request_pb2, server_info_pb2
 from .client import Client
-from .errors import Cancelled, MeshNotFound, NotSupported, VoxelpipeError
+from .errors import Cancelled, NotSupported, VoxelpipeError
 from .grid import VoxelGrid
 from .local_server import LocalServer, local_server
-from .mesh_handle import MeshHandle, estimate_job, name_of
-from .options import make_request
+from .mesh_handle import MeshHandle, job_of, name_of
+from .options import make_call
 from .report import Estimate, MeshInfo, ServerInfo, ShaderInfo, StoredMesh
 from .request import Request, checked_timeout
 
@@ -82,8 +83,9 @@ class InProcessClient(Client):
         forked = self._served()
         if forked is not None:
             return forked.run(job, file, timeout=timeout, progress=progress)
-        held = self._find(job.stored, file, timeout, progress) if job.stored else None
-        return in_process.run(job, self._seconds(timeout), progress, held, self._max_result_bytes)
+        deadline = Deadline(self._seconds(timeout))
+        held = self._held_of(job, file, deadline, progress)
+        return in_process.run(job, deadline.left(), progress, held, self._max_result_bytes)
 
     def upload(
         self, mesh: MeshLike, *, keep: bool = True, timeout: float | None = None, progress: Progress = None
@@ -125,7 +127,7 @@ class InProcessClient(Client):
         with self._lock:
             held = self._held.pop(name_of(mesh), None)
         if held is None:
-            raise _not_found(name_of(mesh))
+            raise in_process.not_found(name_of(mesh))
         return _described(held).memory_bytes
 
     def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None, **options: Any) -> Estimate:
@@ -133,9 +135,10 @@ class InProcessClient(Client):
         forked = self._served()
         if forked is not None:
             return forked.estimate(mesh, timeout=timeout, **options)
-        job = estimate_job(mesh, make_request(**options))
-        held = self._find(mesh.name, mesh.file, timeout, None) if isinstance(mesh, MeshHandle) else None
-        return Estimate.of(in_process.estimate(job, held, self._seconds(timeout)))
+        job, file = job_of(mesh, make_call(**options))
+        deadline = Deadline(self._seconds(timeout))
+        held = self._held_of(job, file, deadline, None)
+        return Estimate.of(in_process.estimate(job, held, deadline.left()))
 
     def mesh_info(self, mesh: MeshLike | MeshHandle, *, timeout: float | None = None) -> MeshInfo:
         """Counts, box, faults and health of a mesh, as `voxelpipe info` has them. Errors: as voxelize()."""
@@ -229,6 +232,21 @@ class InProcessClient(Client):
     def _seconds(self, timeout: float | None) -> float | None:
         return self._timeout if timeout is None else checked_timeout(timeout)
 
+    def _held_of(self, job: Job, file: MeshFile | None, deadline: Deadline, progress: Progress) -> in_process.Held:
+        """The held mesh of a job, or the list of its several ones, loaded where they are not; None: its file is given.
+
+        In: the file of its kept mesh. Files of several stay loaded as long as callers keep them.
+        """
+        if job.placed is None:
+            return self._find(job.stored, file, deadline.left(), progress) if job.stored else None
+        held, others = [], []
+        for source in job.placed.sources:
+            if source.kept or source.name in self._held:
+                held.append(self._find(source.name, source.named_file, deadline.left(), progress))
+            else:
+                others.append(source)
+        return held + in_process.load_several(others, deadline, progress)
+
     def _find(
         self, name: str, file: MeshFile | None, timeout: float | None, progress: Progress
     ) -> in_process.Held:
@@ -236,7 +254,7 @@ class InProcessClient(Client):
         if held is not None:
             return held
         if file is None:
-            raise _not_found(name)
+            raise in_process.not_found(name)
         return self._load(name, file, timeout, progress)[0]
 
     def _load(
@@ -296,10 +314,6 @@ def _is_small(request: Request, mesh: Any) -> bool:
         return False
     file_bytes = len(mesh.data) if isinstance(mesh, MeshFile) else 0
     return file_bytes <= _SMALL_FILE_BYTES and request.dense_bytes() <= _SMALL_RESULT_BYTES
-
-
-def _not_found(name: str) -> MeshNotFound:
-    return MeshNotFound(f"the mesh {name} is not loaded in this process", name=name)
 
 
 def _described(held: in_process.Held) -> StoredMesh:

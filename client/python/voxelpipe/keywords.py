@@ -33,6 +33,8 @@ _COMMAND_LINE = {
 }
 # Options of single functions of this package.
 _OTHER_CALLS = ("errors", "in_flight", "max_result_bytes", "new_positions", "progress", "retries", "server", "timeout")
+# Usual names of targets that are close to an option.
+_TARGETS = ("label", "motion")
 _NEAR = 0.8  # of difflib: 'resolutoin' is as near, 'normal' and every shader's name are not
 
 
@@ -49,6 +51,8 @@ def check_target_names(names: Iterable[str], options: Iterable[str]) -> None:
             raise UnknownOption(f"{name}: is an option of the command line, not of this call; {hint}", name)
         if name in _OTHER_CALLS:
             raise UnknownOption(f"{name}: this call has no such option", name)
+        if name in _TARGETS:
+            continue
         nearest = difflib.get_close_matches(name.lower(), known, 1, _NEAR)
         if nearest:
             raise UnknownOption(

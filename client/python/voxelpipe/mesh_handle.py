@@ -6,8 +6,10 @@ from typing import Any
 
 from ._calls.session import Job, positions_file
 from ._mesh.forms import MeshFile, MeshLike, load_mesh
+from ._mesh.placed import placed_meshes
+from .errors import InvalidRequest
 from .report import StoredMesh
-from .request import Call, Request
+from .request import Call
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,8 +39,12 @@ def _restored_handle(
 def job_of(mesh: MeshLike | MeshHandle, call: Call) -> tuple[Job, MeshFile | None]:
     """The job of a call, and of a kept mesh the file to send if the server does not have it (any more).
 
-    Errors: those of load_mesh(); TypeError for new positions of a mesh that is not kept.
+    Errors: those of load_mesh() and placed_meshes(); TypeError for new positions of a mesh that is not kept.
     """
+    if call.together is not None:
+        if call.new_positions is not None:
+            raise InvalidRequest("new_positions: cannot be given together with several meshes", field="new_positions")
+        return Job(call.request, None, placed=placed_meshes(mesh, call.together, _kept)), None
     if isinstance(mesh, MeshHandle):
         positions = None if call.new_positions is None else positions_file(call.new_positions)
         return Job(call.request, positions, mesh.name), mesh.file
@@ -52,6 +58,8 @@ def name_of(mesh: MeshHandle | str) -> str:
     return mesh if isinstance(mesh, str) else mesh.name
 
 
-def estimate_job(mesh: MeshLike | MeshHandle, request: Request) -> Job:
-    """The job of an estimate. Errors: those of load_mesh()."""
-    return Job(request, None, mesh.name) if isinstance(mesh, MeshHandle) else Job(request, load_mesh(mesh))
+def _kept(mesh: Any) -> tuple[str, MeshFile | None] | None:
+    """Of a kept mesh its name, and its file if that is here; None of others."""
+    if isinstance(mesh, MeshHandle):
+        return mesh.name, mesh.file
+    return (mesh.name, None) if isinstance(mesh, StoredMesh) else None

@@ -14,6 +14,7 @@ _Mesh = TypeVar("_Mesh")
 _Out = TypeVar("_Out")
 
 _OF_CALLS = ("new_positions", "server", "timeout", "progress")  # how a request is made, not what
+_OF_SEVERAL = ("together", "transforms", "names", "labels", "priorities", "motions")  # of which meshes
 
 
 def _refuse(names: tuple[str, ...], options: dict[str, Any]) -> None:
@@ -39,10 +40,19 @@ def _describe(run: Any, function: Any, without: tuple[str, ...]) -> None:
 def _request_of(make: Callable[_Options, Call]) -> Callable[_Options, Request]:
     def make_request(*_: _Options.args, **options: _Options.kwargs) -> Request:
         """The request that options of voxelize() describe. Errors: InvalidRequest, UnknownOption."""
-        _refuse(_OF_CALLS, options)
+        _refuse(_OF_CALLS + _OF_SEVERAL, options)
         return make(*_, **options).request
 
     return make_request
+
+
+def _call_of(make: Callable[_Options, Call]) -> Callable[_Options, Call]:
+    def make_call(*_: _Options.args, **options: _Options.kwargs) -> Call:
+        """The same with what the options say of several meshes."""
+        _refuse(_OF_CALLS, options)
+        return make(*_, **options)
+
+    return make_call
 
 
 def _function_of(
@@ -82,6 +92,8 @@ def _method_of(
 
 # Options without those of calls, to a Request.
 make_request = _request_of(call_options)
+# Options without those of calls, to a Call.
+make_call = _call_of(call_options)
 # Decorates a function of (mesh, call).
 with_options = _function_of(call_options)
 # Decorates a method of a client, of (self, mesh, call): a client has its server.

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, Mapping, Sequence, Union, get_args
 
 import numpy.typing
 
-from . import names
+from . import names as kinds
 from ._calls.address import ServerLike
 from ._calls.progress import Progress
+from ._mesh.placed import MotionLike, Together, TransformLike
 from ._proto.voxelpipe.v1 import request_pb2
 from ._proto.voxelpipe.v1 import types_pb2 as types
 from .axes import turned
@@ -121,11 +122,11 @@ def _choice(enum: Any, prefix: str, value: str, allowed: Any, field: str) -> Any
 
 def _grid(
     resolution: int | None,
-    voxel_size: names.PerAxis | None,
+    voxel_size: kinds.PerAxis | None,
     dims: Sequence[int] | None,
     origin: Sequence[float] | None,
     like: "VoxelGrid | GridPlace | None",
-    fit: names.Fit,
+    fit: kinds.Fit,
     padding: int,
     clip: "numpy.typing.ArrayLike | None",
 ) -> request_pb2.GridRequest:
@@ -156,7 +157,7 @@ def _grid(
         raise InvalidRequest(f"padding: {padding!r} is below 0", field="padding")
     grid = request_pb2.GridRequest(padding=_whole(padding, "padding"))
     placed: Any = grid.placement if origin is not None else grid
-    code = _choice(request_pb2.GridFit, "GRID_FIT", fit, names.Fit, "fit")
+    code = _choice(request_pb2.GridFit, "GRID_FIT", fit, kinds.Fit, "fit")
     if dims is not None:
         if not hasattr(dims, "__getitem__") or len(dims) != 3:
             raise InvalidRequest(f"dims: {dims!r} are not three numbers: x, y, z", field="dims")
@@ -214,7 +215,7 @@ def _targets(
     targets: Sequence[TargetLike] | TargetLike | None,
     named: Mapping[str, TargetLike],
     shader: Shader | None,
-    result: names.ResultKind,
+    result: kinds.ResultKind,
 ) -> tuple[Target, ...]:
     if isinstance(targets, (str, Target)):
         targets = [targets]
@@ -250,6 +251,7 @@ class Call:
     """What the options of a call ask for: a request, and how it is made."""
 
     request: Request
+    together: Together | None  # None: of one mesh
     new_positions: Any
     server: ServerLike | None
     timeout: float | None
@@ -259,27 +261,33 @@ class Call:
 def call_options(
     *,
     resolution: int | None = None,
-    voxel_size: names.PerAxis | None = None,
+    voxel_size: kinds.PerAxis | None = None,
     dims: Sequence[int] | None = None,
     origin: Sequence[float] | None = None,
     like: "VoxelGrid | GridPlace | None" = None,
-    fit: names.Fit = "tight",
+    fit: kinds.Fit = "tight",
     padding: int = 0,
     clip: "numpy.typing.ArrayLike | None" = None,
     axes: str | Sequence[str] | None = None,
-    coverage: names.Coverage = "conservative",
-    fill: names.Fill = "none",
+    coverage: kinds.Coverage = "conservative",
+    fill: kinds.Fill = "none",
     targets: Sequence[TargetLike] | TargetLike | None = None,
     shader: ShaderLike | None = None,
     vertex_shader: ShaderLike | None = None,
-    result: names.ResultKind = "dense",
-    layout: names.Layout = "interleaved",
-    backend: names.Backend = "auto",
-    priority: names.Priority = "normal",
-    compression: names.Compression = "none",
+    result: kinds.ResultKind = "dense",
+    layout: kinds.Layout = "interleaved",
+    backend: kinds.Backend = "auto",
+    priority: kinds.Priority = "normal",
+    compression: kinds.Compression = "none",
     packed_bits: bool = False,
     content_hash: bool = False,
     strict: bool = False,
+    together: bool = False,
+    transforms: "Sequence[TransformLike] | numpy.typing.NDArray[Any] | None" = None,
+    names: Sequence[str | None] | None = None,
+    labels: "Sequence[int | None] | numpy.typing.NDArray[Any] | None" = None,
+    priorities: "Sequence[int | None] | numpy.typing.NDArray[Any] | None" = None,
+    motions: Sequence[MotionLike] | None = None,
     new_positions: Any = None,
     server: ServerLike | None = None,
     timeout: float | None = None,
@@ -299,6 +307,9 @@ def call_options(
     for name, switch in (("packed_bits", packed_bits), ("content_hash", content_hash), ("strict", strict)):
         if not isinstance(switch, bool):
             raise InvalidRequest(f"{name}: {switch!r} is neither True nor False", field=name)
+    several = Together.of(
+        together, transforms=transforms, names=names, labels=labels, priorities=priorities, motions=motions
+    )
     default_shader = _shader(shader, "shader")
     listed = _targets(targets, named, default_shader, result)
     vertex = _shader(vertex_shader, "vertex_shader")
@@ -306,22 +317,22 @@ def call_options(
         vertex = turned(axes, vertex)
     spec = request_pb2.VoxelizeSpec(
         grid=_grid(resolution, voxel_size, dims, origin, like, fit, padding, clip),
-        coverage=_choice(request_pb2.Coverage, "COVERAGE", coverage, names.Coverage, "coverage"),
-        fill=_choice(request_pb2.Fill, "FILL", fill, names.Fill, "fill"),
+        coverage=_choice(request_pb2.Coverage, "COVERAGE", coverage, kinds.Coverage, "coverage"),
+        fill=_choice(request_pb2.Fill, "FILL", fill, kinds.Fill, "fill"),
         vertex_shader=None if vertex is None else vertex.to_message(),
         targets=[target.to_message(default_shader) for target in listed],
-        layout=_choice(request_pb2.Layout, "LAYOUT", layout, names.Layout, "layout"),
-        result=_choice(request_pb2.ResultKind, "RESULT_KIND", result, names.ResultKind, "result"),
+        layout=_choice(request_pb2.Layout, "LAYOUT", layout, kinds.Layout, "layout"),
+        result=_choice(request_pb2.ResultKind, "RESULT_KIND", result, kinds.ResultKind, "result"),
         strict=strict,
     )
     execution = request_pb2.Execution(
-        backend=_choice(types.Backend, "BACKEND", backend, names.Backend, "backend"),
-        priority=_choice(request_pb2.Priority, "PRIORITY", priority, names.Priority, "priority"),
+        backend=_choice(types.Backend, "BACKEND", backend, kinds.Backend, "backend"),
+        priority=_choice(request_pb2.Priority, "PRIORITY", priority, kinds.Priority, "priority"),
     )
     delivery = request_pb2.Delivery(
-        compression=_choice(request_pb2.Compression, "COMPRESSION", compression, names.Compression, "compression"),
+        compression=_choice(request_pb2.Compression, "COMPRESSION", compression, kinds.Compression, "compression"),
         content_hash=content_hash,
     )
     message = request_pb2.VoxelizeRequest(spec=spec, execution=execution, delivery=delivery)
     request = Request(message, listed, packed_bits, content_hash)
-    return Call(request, new_positions, server, checked_timeout(timeout), progress)
+    return Call(request, several, new_positions, server, checked_timeout(timeout), progress)

@@ -58,7 +58,8 @@ def far(*options: str) -> Iterator[str]:
 
 
 def main(readme: pathlib.Path) -> None:
-    in_process, on_device, servers = re.findall(r"^```py(?:thon)?\n(.*?)^```", readme.read_text("utf-8"), re.M | re.S)
+    blocks = re.findall(r"^```py(?:thon)?\n(.*?)^```", readme.read_text("utf-8"), re.M | re.S)
+    in_process, on_device, servers, together = blocks
     called, local, asynchronous = servers.split("\n\n")
     names: dict[str, Any] = {"voxelpipe": voxelpipe, "paths": ["bunny.glb"] * 5}
     vertices = 252  # of make_ball.py
@@ -68,6 +69,7 @@ def main(readme: pathlib.Path) -> None:
     pathlib.Path("tokens.json").write_text(f'{{"clients": [{{"name": "me", "role": "user", "token": "{TOKEN}"}}]}}')
 
     exec(in_process, names)
+    exec(together, names)
     os.environ["GRPC_DEFAULT_SSL_ROOTS_FILE_PATH"] = "cert.pem"
     with far("--tls-cert", "cert.pem", "--tls-key", "key.pem", "--token-file", "tokens.json") as address:
         exec(called.replace("far:50051", address), names)

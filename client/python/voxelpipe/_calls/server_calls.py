@@ -5,12 +5,13 @@ import contextlib
 from typing import Any, Awaitable, Callable, Coroutine, Iterator, Protocol, TypeVar
 
 from .._mesh.forms import MeshFile, MeshLike, load_mesh
+from .._mesh.placed import Source
 from .._proto.voxelpipe.v1 import mesh_pb2, server_info_pb2
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
-from ..errors import DataLoss, MeshNotFound, VoxelpipeError
+from ..errors import DataLoss, MeshNotFound, NotSupported, VoxelpipeError
 from ..grid import VoxelGrid
-from ..mesh_handle import MeshHandle, estimate_job, job_of, name_of
-from ..options import make_request
+from ..mesh_handle import MeshHandle, job_of, name_of
+from ..options import make_call
 from ..report import Estimate, MeshInfo, ServerInfo, ShaderInfo, StoredMesh
 from ..request import Call, checked_timeout
 from .progress import WAITING, Progress, Reporter
@@ -19,6 +20,8 @@ from .session import Job, Options, freed_bytes, listed_meshes, naming, upload_me
 from .wire import parsed
 
 _QUICK_S = 10.0
+_MAX_STORED_NAMES = 65_536  # that a client remembers; more are asked for again
+_PLACED_REVISION = 2  # of the contract, from which on requests place several meshes
 _Result = TypeVar("_Result")
 
 
@@ -58,6 +61,8 @@ class ServerCalls:
         self._transport = transport
         self._options = options
         self._state = ServerState(restarts)
+        self._stored: set[str] = set()  # names of meshes that the server had when they were last needed
+        self._takes_several = False  # once the server has said so: an older one would see a request without a mesh
 
     async def voxelize(self, mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
         job, file = await self._transport.work(lambda: job_of(mesh, call))
@@ -71,13 +76,47 @@ class ServerCalls:
             return await self._again(deadline, lambda left: self._transport.result(job, left, reporter), reporter)
 
         with contextlib.closing(reporter), naming(file or job.file):
+            await self._store_new(job, deadline, reporter)
             try:
                 return await voxelized()
             except MeshNotFound:
-                if file is None:
+                if not await self._store_all(job, file, deadline, reporter):
                     raise
-            await self._upload(file, deadline, reporter)
             return await voxelized()
+
+    async def _store_new(self, job: Job, deadline: Deadline, reporter: Reporter) -> None:
+        """Stores those meshes of several that the server may not have. Errors: NotSupported by an older server."""
+        if job.placed is None:
+            return
+        if not self._takes_several:
+            revision = (await self._server_info(deadline, reporter)).contract_revision
+            if revision < _PLACED_REVISION:
+                raise NotSupported(
+                    f"the server at {self._options.server} speaks revision {revision} of the contract; several meshes "
+                    f"on one grid need revision {_PLACED_REVISION}"
+                )
+            self._takes_several = True
+        for source in job.placed.sources:
+            if not source.kept and source.name not in self._stored:
+                await self._store(source, deadline, reporter)
+
+    async def _store_all(self, job: Job, file: MeshFile | None, deadline: Deadline, reporter: Reporter) -> bool:
+        """Stores the kept mesh of a job, or its several ones, again. Out: False if no file of them is here."""
+        if file is not None:
+            await self._upload(file, deadline, reporter)
+        here = [source for source in job.placed.sources if source.file] if job.placed is not None else []
+        for source in here:
+            await self._store(source, deadline, reporter)
+        return file is not None or bool(here)
+
+    async def _store(self, source: Source, deadline: Deadline, reporter: Reporter) -> None:
+        file = source.named_file
+        assert file is not None
+        with naming(file):
+            await self._upload(file, deadline, reporter, source.name)
+        if len(self._stored) >= _MAX_STORED_NAMES:
+            self._stored.clear()
+        self._stored.add(source.name)
 
     async def upload(self, mesh: MeshLike, *, keep: bool, timeout: float | None, progress: Progress) -> MeshHandle:
         file = await self._transport.work(lambda: load_mesh(mesh))
@@ -99,13 +138,24 @@ class ServerCalls:
         return freed_bytes(await self._quick("ReleaseMesh", mesh_pb2.ReleaseMeshRequest(name=name_of(mesh))))
 
     async def estimate(self, mesh: MeshLike | MeshHandle, *, timeout: float | None, **options: Any) -> Estimate:
-        request = make_request(**options)
-        job = await self._transport.work(lambda: estimate_job(mesh, request))
+        call = make_call(**options)
+        job, _ = await self._transport.work(lambda: job_of(mesh, call))
         message = job.estimate()
-        with naming(job.file):
-            answer = await self._again(
-                self._deadline(timeout), lambda left: self._transport.unary("EstimateVoxelization", message, left)
+        deadline = self._deadline(timeout)
+
+        async def estimated() -> bytes | None:
+            return await self._again(
+                deadline, lambda left: self._transport.unary("EstimateVoxelization", message, left)
             )
+
+        with contextlib.closing(Reporter(None)) as reporter, naming(job.file):
+            await self._store_new(job, deadline, reporter)
+            try:
+                answer = await estimated()
+            except MeshNotFound:
+                if not await self._store_all(job, None, deadline, reporter):
+                    raise
+                answer = await estimated()
         return Estimate.of(parsed(service.EstimateVoxelizationResponse, answer))
 
     async def mesh_info(self, mesh: MeshLike | MeshHandle, *, timeout: float | None) -> MeshInfo:
@@ -120,7 +170,11 @@ class ServerCalls:
         return [ShaderInfo.of(shader) for shader in parsed(server_info_pb2.ListShadersResponse, answer).shaders]
 
     async def server_info(self) -> ServerInfo:
-        answer = await self._quick("GetServerInfo", server_info_pb2.GetServerInfoRequest())
+        return await self._server_info(Deadline(_QUICK_S), None)
+
+    async def _server_info(self, deadline: Deadline, reporter: Reporter | None) -> ServerInfo:
+        data = server_info_pb2.GetServerInfoRequest().SerializeToString()
+        answer = await self._again(deadline, lambda left: self._transport.unary("GetServerInfo", data, left), reporter)
         return ServerInfo.of(parsed(server_info_pb2.GetServerInfoResponse, answer))
 
     def _deadline(self, timeout: float | None) -> Deadline:
@@ -130,8 +184,9 @@ class ServerCalls:
         data = request.SerializeToString()
         return await self._again(Deadline(_QUICK_S), lambda left: self._transport.unary(name, data, left))
 
-    async def _upload(self, file: MeshFile, deadline: Deadline, reporter: Reporter) -> mesh_pb2.Mesh:
-        name = await self._transport.work(file.stored_name)
+    async def _upload(self, file: MeshFile, deadline: Deadline, reporter: Reporter, name: str = "") -> mesh_pb2.Mesh:
+        """In: the mesh's name, if it is known."""
+        name = name or await self._transport.work(file.stored_name)
 
         def attempt(left: float | None) -> Awaitable[bytes | None]:
             return self._transport.upload("UploadMesh", upload_messages(file, name, reporter), left)

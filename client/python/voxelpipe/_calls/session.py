@@ -11,6 +11,7 @@ import numpy
 
 from .._mesh.forms import MeshFile
 from .._mesh.glb import as_numpy
+from .._mesh.placed import PlacedMeshes
 from .._proto.voxelpipe.v1 import mesh_pb2, request_pb2
 from .._proto.voxelpipe.v1 import voxelization_service_pb2 as service
 from ..errors import DataLoss, InvalidMesh, InvalidRequest, TooLarge, VoxelpipeError
@@ -184,11 +185,14 @@ def naming(file: MeshFile | None) -> Iterator[None]:
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """A request with its mesh: the file, or the name of a kept mesh and perhaps new positions."""
+    """A request with its mesh: the file, or the name of a kept mesh and perhaps new positions; or several that are
+    kept, if those of them that have a file are stored first.
+    """
 
     request: Request
     file: MeshFile | None
     stored: str = ""
+    placed: PlacedMeshes | None = None
 
     @property
     def data(self) -> memoryview:
@@ -197,6 +201,8 @@ class Job:
 
     def source(self, with_data: bool) -> _wire.Parts:
         """The MeshSource, with the data or without."""
+        if self.placed is not None:
+            return _wire.field(request_pb2.MeshSource.PLACED_FIELD_NUMBER, [self.placed.message()])
         kind: Any = request_pb2.MeshPositions if self.stored else request_pb2.MeshBytes
         data: list[Any] = []
         if with_data and self.file is not None:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import mmap
 import os
@@ -48,16 +49,28 @@ class MeshFile:
     """The bytes of a self-contained mesh file.
 
     format: a MeshFormat, if its content does not show one. name: for messages, empty if it has none. unit: of its
-    positions, empty if none is given.
+    positions, empty if none is given. loaded: the mesh in this process and its stored_name(), of a client without a
+    server: it stays loaded as long as the file is used.
     """
 
     data: memoryview
     format: int = types.MESH_FORMAT_UNSPECIFIED
     name: str = ""
     unit: str = ""
+    loaded: tuple[str, Any] | None = dataclasses.field(default=None, init=False, repr=False, compare=False)
+
+    def keep(self, name: str, loaded: Any) -> None:
+        """Sets `loaded`."""
+        object.__setattr__(self, "loaded", (name, loaded))
 
     def sha256(self) -> str:
         """That of the bytes, in hexadecimal."""
+        if isinstance(self.data.obj, bytes):  # which cannot change
+            return self._sha256
+        return hashlib.sha256(self.data).hexdigest()
+
+    @functools.cached_property
+    def _sha256(self) -> str:
         return hashlib.sha256(self.data).hexdigest()
 
     def stored_name(self) -> str:
@@ -151,7 +164,7 @@ def arrays_of(mesh: Any) -> Mesh | MeshFile:
     and `faces`; a file if it has faces of more than three corners. Errors: InvalidMesh; TypeError naming the type.
     """
     if isinstance(mesh, (tuple, list)) and any(isinstance(part, (str, bytes, os.PathLike)) for part in mesh):
-        raise TypeError("a list of files is no mesh; voxelize_many() of a Client takes several")
+        raise TypeError("a list of files is no mesh; voxelize(..., together=True) and voxelize_many() take several")
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         return Mesh(mesh[0], mesh[1])
     if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):  # Open3D
