@@ -15,6 +15,7 @@ from voxelpipe._proto.google.rpc import error_details_pb2, status_pb2
 from voxelpipe._proto.voxelpipe.v1 import error_pb2, mesh_pb2, result_pb2, server_info_pb2
 from voxelpipe._proto.voxelpipe.v1 import types_pb2 as types
 from voxelpipe._proto.voxelpipe.v1 import voxelization_service_pb2 as service
+from voxelpipe._version import CONTRACT_REVISION
 
 from .. import shapes
 from .liar import MESH_NAME, Liar, ask_many, grid, tell_batch
@@ -228,7 +229,8 @@ def test_the_pages_of_a_list_are_followed(liar: tuple[Liar, str], asynchronous: 
 @BOTH
 @pytest.mark.parametrize("name", CALLS)
 def test_a_server_of_another_contract(liar: tuple[Liar, str], name: str, asynchronous: bool) -> None:
-    text = f"the server at {liar[1]} speaks another version of the contract; this client was made for revision 1"
+    made_for = f"this client was made for revision {CONTRACT_REVISION}"
+    text = f"the server at {liar[1]} speaks another version of the contract; {made_for}"
     with pytest.raises(voxelpipe.errors.NotSupported, match=text):
         call(liar[1], name, asynchronous)
 
