@@ -32,12 +32,13 @@ std::string_view Name(WarningCode code) {
     case WarningCode::kFillHasNoValue: return "fill_has_no_value";
     case WarningCode::kOutsideGrid: return "outside_grid";
     case WarningCode::kValuesRounded: return "values_rounded";
+    case WarningCode::kPartNotFound: return "part_not_found";
   }
   return "nonconforming_file";
 }
 
 std::optional<WarningCode> WarningCodeOf(std::string_view name) {
-  for (int i = 0; i <= int(WarningCode::kValuesRounded); ++i) {
+  for (int i = 0; i <= int(WarningCode::kPartNotFound); ++i) {
     if (Name(WarningCode(i)) == name) return WarningCode(i);
   }
   return std::nullopt;

@@ -23,6 +23,7 @@ enum class WarningCode : uint8_t {
   kFillHasNoValue,      // the filled voxels of a target hold its `clear`, as its shader has no value without a triangle
   kOutsideGrid,         // no triangle reaches the grid
   kValuesRounded,       // a target of integers rounds a shader's fractions to whole numbers
+  kPartNotFound,        // a pattern of the request's parts matches none
 };
 
 // The name on the wire and in JSON: "texture_missing", ...

@@ -202,8 +202,11 @@ void MakeViews(HostMesh& state) {
   state.materials = std::move(views.materials);
   state.textures = std::move(views.textures);
   const int32_t default_material = int32_t(mesh.materials.size());
-  for (const MeshPart& part : mesh.parts) {
+  const PartList* const list = state.request.parts.get();
+  for (size_t run = 0; run < mesh.parts.size(); ++run) {
+    const MeshPart& part = mesh.parts[run];
     PartView view;
+    if (list != nullptr && !list->parts.empty()) view.label = list->parts[list->of_run[run]].label;
     view.first_triangle = part.first_triangle;
     view.material = part.material >= 0 && part.material < default_material ? part.material : default_material;
     view.mesh = part.mesh;

@@ -30,6 +30,31 @@ enum class ResultKind : uint8_t {
   kBuckets,  // the A-buffer: all fragments of each voxel, by triangle id; blends are ignored, no fill
 };
 
+// The sets of triangles that bound a solid of their own (mesh/parts/part_list.h).
+enum class PartScope : uint8_t {
+  kWhole,     // all triangles together
+  kFile,      // each placed mesh
+  kNode,      // each instance of a node
+  kMesh,      // each mesh of the file, all its instances together
+  kMaterial,  // each material
+};
+
+// The number of the parts whose name matches: a label or a priority.
+struct PartRule {
+  std::string pattern;  // * is any bytes, ? one character, all else itself; the whole name, case matters
+  int64_t number = 0;
+  friend bool operator==(const PartRule&, const PartRule&) = default;
+};
+
+struct PartSelection {
+  PartScope scope = PartScope::kWhole;
+  std::vector<PartRule> labels, priorities;  // of a part the last one that matches; only with a scope but kWhole
+  std::vector<std::string> exclude;          // patterns: parts of these names are left out of the mesh
+  friend bool operator==(const PartSelection&, const PartSelection&) = default;
+};
+
+inline constexpr size_t kMaxPartRules = 1000;  // of each of the three lists
+
 // Instruction set of the CPU backend. All give the same bytes.
 enum class SimdChoice : uint8_t { kAuto, kScalar, kAvx2, kAvx512 };
 
@@ -64,6 +89,7 @@ struct VoxelizeRequest {
   GridRequest grid;
   Coverage coverage = Coverage::kConservative;
   Fill fill = Fill::kNone;
+  PartSelection parts;
   ShaderCall vertex_shader{"identity", {}};
   std::vector<TargetSpec> targets{TargetSpec{}};  // 1 to kMaxTargets
   Layout layout = Layout::kInterleaved;
@@ -78,6 +104,7 @@ inline constexpr int kMaxTargets = 8;
 
 std::string_view Name(Coverage coverage);
 std::string_view Name(Fill fill);
+std::string_view Name(PartScope scope);
 std::string_view Name(ResultKind kind);
 std::string_view Name(SimdChoice simd);
 std::string_view Name(BackendChoice backend);

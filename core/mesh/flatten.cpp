@@ -18,6 +18,7 @@
 #include "absl/strings/str_cat.h"
 #include "base/checked.h"
 #include "base/long_loops.h"
+#include "mesh/scene_names.h"
 #include "mesh/placement.h"
 #include "mesh/scene/pose.h"
 #include "mesh/unused_vertices.h"
@@ -455,8 +456,7 @@ absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scen
   } catch (const std::bad_alloc&) {
     return absl::ResourceExhaustedError("out of memory while flattening the scene");
   }
-  mesh.mesh_count = uint32_t(scene.meshes.size());
-  mesh.node_count = uint32_t(scene.nodes.size());
+  if (absl::Status s = SetNames(job, scene, order, mesh); !s.ok()) return s;
   mesh.warnings = scene.warnings;
   WarnOfNoTriangles(scene, order, mesh);
   mesh.materials = scene.materials;
@@ -491,8 +491,7 @@ absl::StatusOr<TriangleMesh> FlattenFor(const JobContext& job, const Scene& scen
                      id - part->first_vertex, ": the transformed position is not finite, or a joint does not exist"));
   }
   absl::StatusOr<std::vector<uint32_t>> unused = UnusedVertices(job, mesh);
-  if (absl::Status s = job.Check(); !s.ok()) return s;
-  if (!unused.ok()) return unused.status();
+  if (absl::Status s = unused.ok() ? job.Check() : unused.status(); !s.ok()) return s;
   mesh.unused_vertices = *std::move(unused);
   mesh.memory->ShrinkTo(mesh.memory->bytes() - mesh.positions.size());  // the marks are gone
   return mesh;

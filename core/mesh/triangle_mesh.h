@@ -28,6 +28,14 @@ struct MeshPart {
   bool has_uv[2] = {false, false};
 };
 
+// The names of a file's nodes and meshes, shared by copies of the flattened mesh. A node without a name has that of its
+// nearest ancestor with one.
+struct SceneNames {
+  std::vector<std::string> nodes;
+  std::vector<uint32_t> named_by;  // of each node, the index in `nodes` of its name
+  std::vector<std::string> meshes;
+};
+
 // A rigid body's motion, world axes: v = linear + angular x (p - center).
 struct RigidMotionNumbers {
   Vec3d linear;   // world units a second
@@ -43,6 +51,9 @@ struct PlacedEntry {
   uint32_t label = 1;
   int32_t priority = 0;
   std::optional<RigidMotionNumbers> motion;
+  // Its names, and the ids of its first node and mesh here.
+  std::shared_ptr<const SceneNames> names;
+  uint32_t first_node = 0, first_mesh = 0;
 };
 
 // Structure of arrays. Triangle ids count from 0 over the flattened scene: default scene, depth first, node, instance,
@@ -66,6 +77,8 @@ struct TriangleMesh {
   std::vector<PlacedEntry> placed;  // empty: one mesh, as its file has it
   // The number of meshes and nodes of the file, drawn or not. Where it is too small, the largest id in `parts` decides.
   uint32_t mesh_count = 0, node_count = 0;
+  std::shared_ptr<const SceneNames> names;  // null: not known, or those of `placed`
+  bool parts_left_out = false;              // ExcludeParts has made it
   std::vector<Material> materials;
   std::vector<Texture> textures;
   std::vector<std::shared_ptr<Image>> images;  // shared with the Scene; decoded by PrepareTextures

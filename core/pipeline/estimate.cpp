@@ -30,9 +30,9 @@ absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh
 absl::StatusOr<Plan> EstimateVoxelization(const Backend& backend, const TriangleMesh& mesh,
                                           const VoxelizeRequest& request, const JobContext& job,
                                           const PlanLimits& limits, Delivery delivery) {
-  const absl::StatusOr<BoundRequest> bound = BindRequest(mesh, request);
+  const absl::StatusOr<BoundRequest> bound = BindRequest(job, mesh, request);
   if (!bound.ok()) return bound.status();
-  if (absl::Status s = CheckStrict(request, WarningsOf(mesh, request)); !s.ok()) return s;
+  if (absl::Status s = CheckStrict(request, WarningsOf(mesh, *bound)); !s.ok()) return s;
   absl::StatusOr<Plan> plan = absl::UnknownError("the run did not start");
   backend.Run(request.threads, [&] {
     try {

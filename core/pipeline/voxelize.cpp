@@ -56,9 +56,9 @@ absl::StatusOr<MadeSlab> MakeSlab(Stages& stages, const VoxelizeRequest& request
 
 absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStats& stats) {
   const VoxelizeRequest& request = run.request;
-  const absl::StatusOr<BoundRequest> bound = BindRequest(run.mesh, request);
+  const absl::StatusOr<BoundRequest> bound = BindRequest(run.job, run.mesh, request);
   if (!bound.ok()) return bound.status();
-  stats.warnings = WarningsOf(run.mesh, request);
+  stats.warnings = WarningsOf(run.mesh, *bound);
   if (absl::Status s = CheckStrict(request, stats.warnings); !s.ok()) return s;
   std::optional<ListMemory> lists;  // before the stages, which ask it to their end
   absl::StatusOr<std::unique_ptr<Stages>> started = run.backend.Start(run.mesh, *bound, run.job);

@@ -106,6 +106,12 @@ WarningList WarningsOf(const TriangleMesh& mesh, const VoxelizeRequest& request)
   return warnings;
 }
 
+WarningList WarningsOf(const TriangleMesh& mesh, const BoundRequest& request) {
+  WarningList warnings = WarningsOf(mesh, request.request);
+  if (request.parts != nullptr) warnings.Append(request.parts->warnings);
+  return warnings;
+}
+
 WarningList AllWarningsOf(const TriangleMesh& mesh) {
   WarningList warnings = mesh.warnings;
   AddAllTextureWarnings(mesh, warnings);

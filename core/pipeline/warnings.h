@@ -7,12 +7,15 @@
 #include "job/request.h"
 #include "job/stats.h"
 #include "mesh/triangle_mesh.h"
+#include "pipeline/stages/stages.h"
 
 namespace voxelpipe {
 
 // In: a mesh whose textures are prepared (load/decode/image.h). Out: the warnings of the mesh, and of the textures that
 // the request's shaders read, and of targets whose values are not what they seem. What is known before the run.
 WarningList WarningsOf(const TriangleMesh& mesh, const VoxelizeRequest& request);
+// The same, and those of its parts.
+WarningList WarningsOf(const TriangleMesh& mesh, const BoundRequest& request);
 
 // The warnings of a mesh, whatever is asked of it: all of its textures (CheckImages of
 // load/decode/image.h has looked at them).

@@ -79,6 +79,14 @@ absl::StatusOr<Vec3d> ParsePoint(std::string_view text) {
   return ParseVec3(text, false);
 }
 
+absl::StatusOr<int64_t> ParseWhole(std::string_view text, int64_t min, int64_t max) {
+  int64_t number = 0;
+  const char* const stop = text.data() + text.size();
+  const auto [end, error] = std::from_chars(text.data(), stop, number);
+  if (error == std::errc() && end == stop && number >= min && number <= max) return number;
+  return absl::InvalidArgumentError(absl::StrCat(QuotedText(text), " is no whole number from ", min, " to ", max));
+}
+
 absl::StatusOr<std::array<int64_t, 3>> ParseDims(std::string_view text) {
   const std::vector<std::string_view> parts = SplitOutsideBrackets(text, ',');
   if (parts.size() != 3) {

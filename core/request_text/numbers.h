@@ -22,6 +22,9 @@ std::vector<std::string_view> SplitOutsideBrackets(std::string_view text, char s
 // A decimal number, or inf, with a sign or without; no NaN, no space.
 absl::StatusOr<double> ParseNumber(std::string_view text);
 
+// A whole number from `min` to `max`, with a minus sign or without.
+absl::StatusOr<int64_t> ParseWhole(std::string_view text, int64_t min, int64_t max);
+
 // "1/0.5/2" with separator '/': the numbers between the separators.
 absl::StatusOr<std::vector<double>> ParseNumbers(std::string_view text, char separator);
 

@@ -31,6 +31,17 @@ std::span<const RequestOption> ListRequestOptions() {
       {"fill", &O::fill, kValues, "none|parity|nonzero|flood",
        "How the inside is filled (default none): parity by crossings along x, nonzero by their signs, so that parts "
        "may overlap, flood by what a flood from outside does not reach"},
+      {"parts", &O::parts, kValues, "whole|file|node|mesh|material",
+       "Sets of triangles that bound a solid of their own (default whole: all together): the meshes of --together, "
+       "node "
+       "instances, meshes or materials of the file. Shader label gives a part's label, by default its number from 1"},
+      {"part_label", &O::part_labels, kValues, "PATTERN=N",
+       "The label of the parts of that name, at least 1; may be given several times, the last that matches holds. In a "
+       "pattern * is any text and ? one character"},
+      {"part_priority", &O::part_priorities, kValues, "PATTERN=N",
+       "The priority of the parts of that name (default 0): where solids overlap the highest owns a voxel, then the "
+       "last"},
+      {"exclude", &O::exclude, kValues, "PATTERN", "Leave the parts of that name out; may be given several times"},
       {"shader", &O::shader, kValues, "NAME[(TEXT)][:k=v,...]",
        "The fragment shader of every target without one. A vector's numbers are separated by '/', as in "
        "constant:value=0.5/0.2/1; attribute(_HEAT) is attribute:name=_HEAT. 'voxelpipe shaders' lists them"},

@@ -31,6 +31,7 @@ class Builder {
   absl::StatusOr<VoxelizeRequest> Build() {
     absl::Status s = BuildGrid();
     if (s.ok()) s = BuildChoices();
+    if (s.ok()) s = BuildParts();
     if (s.ok()) s = BuildVertexShader();
     if (s.ok()) s = BuildTargets();
     if (s.ok()) s = ValidateRequest(request_);
@@ -161,6 +162,43 @@ class Builder {
     if (options_.threads < 0) return Wrong(Called("threads"), ": at least 0 (all cores)");
     request_.threads = options_.threads;
     request_.strict = options_.strict;
+    return absl::OkStatus();
+  }
+
+  // "wheel*=3": split at the last =, as a name may hold one.
+  absl::Status ReadRules(std::string_view option, const std::vector<std::string>& texts, int64_t min, int64_t max,
+                         std::vector<PartRule>& rules) const {
+    for (const std::string& text : texts) {
+      const size_t at = text.rfind('=');
+      if (at == std::string::npos) return Wrong(Called(option), ": '", text, "' is not of the form PATTERN=N");
+      const absl::StatusOr<int64_t> number = ParseWhole(text.substr(at + 1), min, max);
+      if (!number.ok()) return At(option, number.status());
+      rules.push_back({text.substr(0, at), *number});
+    }
+    return absl::OkStatus();
+  }
+
+  absl::Status BuildParts() {
+    constexpr std::pair<const char*, PartScope> kScopes[] = {{"whole", PartScope::kWhole},
+                                                             {"file", PartScope::kFile},
+                                                             {"node", PartScope::kNode},
+                                                             {"mesh", PartScope::kMesh},
+                                                             {"material", PartScope::kMaterial}};
+    PartSelection& parts = request_.parts;
+    absl::Status s = Choose("parts", options_.parts, kScopes, parts.scope);
+    if (s.ok()) s = ReadRules("part_label", options_.part_labels, 1, UINT32_MAX, parts.labels);
+    if (s.ok()) s = ReadRules("part_priority", options_.part_priorities, INT32_MIN, INT32_MAX, parts.priorities);
+    if (!s.ok()) return s;
+    parts.exclude = options_.exclude;
+    for (const auto& [option, count] : {std::pair{"part_label", parts.labels.size()},
+                                        {"part_priority", parts.priorities.size()},
+                                        {"exclude", parts.exclude.size()}}) {
+      if (count == 0) continue;
+      if (parts.scope == PartScope::kWhole) {
+        return Wrong(Called(option), " needs ", Called("parts"), ": file, node, mesh or material");
+      }
+      if (count > kMaxPartRules) return Wrong(Called(option), ": ", count, " given; at most ", kMaxPartRules);
+    }
     return absl::OkStatus();
   }
 

@@ -25,6 +25,9 @@ struct RequestOptions {
   int64_t padding = 0;
   std::string coverage = "conservative";
   std::string fill = "none";
+  std::string parts = "whole";
+  std::vector<std::string> part_labels{}, part_priorities{};  // PATTERN=N
+  std::vector<std::string> exclude{};                         // patterns
   std::optional<std::string> shader{};
   std::optional<std::string> vertex_shader{};
   std::vector<std::string> targets{};

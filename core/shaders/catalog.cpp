@@ -148,6 +148,10 @@ std::vector<ShaderInfo> Rows() {
        .parameters = {{"size", "uint", {8}, "voxels along the edge of a cube", 1, 4294967295.0},
                       {"even", "float", {1}, "value of the even cubes"},
                       {"odd", "float", {0}, "value of the odd cubes"}}},
+      {.name = "label",
+       .description = "The label of the triangle's part; 1 where the request has no parts.",
+       .output_type = "u32",
+       .output_components = 1},
   };
 }
 

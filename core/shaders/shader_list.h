@@ -10,6 +10,7 @@
 #include "shaders/fragment/coverage_fraction.h"
 #include "shaders/fragment/emissive.h"
 #include "shaders/fragment/geometric_normal.h"
+#include "shaders/fragment/label.h"
 #include "shaders/fragment/material_id.h"
 #include "shaders/fragment/mesh_id.h"
 #include "shaders/fragment/metallic_roughness.h"
@@ -56,7 +57,8 @@
   X(Velocity)                         \
   X(Position)                         \
   X(CoverageFraction)                 \
-  X(Checker)
+  X(Checker)                          \
+  X(Label)
 #endif
 
 namespace voxelpipe {

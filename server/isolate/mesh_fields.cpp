@@ -261,8 +261,29 @@ void Fields(ArchiveReader& archive, absl::Status& status) {
   for (const auto& [type, payload] : payloads) status.SetPayload(type, absl::Cord(payload));
 }
 
+void Names(ArchiveWriter& archive, const std::shared_ptr<const SceneNames>& names) {
+  const SceneNames none;
+  const SceneNames& all = names == nullptr ? none : *names;
+  const auto text = [](ArchiveWriter& a, const std::string& name) { a.Text(name); };
+  archive.Each(all.nodes, 8, text);
+  archive.Array(all.named_by);
+  archive.Each(all.meshes, 8, text);
+}
+void Names(ArchiveReader& archive, std::shared_ptr<const SceneNames>& names) {
+  auto read = std::make_shared<SceneNames>();
+  const auto text = [](ArchiveReader& a, std::string& name) { a.Text(name); };
+  archive.Each(read->nodes, 8, text);
+  archive.Array(read->named_by);
+  archive.Each(read->meshes, 8, text);
+  for (const uint32_t node : read->named_by) {
+    if (node >= read->nodes.size()) return archive.Refuse("the name of a node");
+  }
+  names = std::move(read);
+}
+
 void Fields(ArchiveWriter& archive, const TriangleMesh& mesh) {
   ArraysOf(archive, mesh);
+  Names(archive, mesh.names);
   archive.Flag(mesh.unused_vertices.has_value());
   if (mesh.unused_vertices) archive.Array(*mesh.unused_vertices);
   TexturesOf(archive, mesh);
@@ -272,6 +293,7 @@ void Fields(ArchiveWriter& archive, const TriangleMesh& mesh) {
 
 void Fields(ArchiveReader& archive, TriangleMesh& mesh) {
   ArraysOf(archive, mesh);
+  Names(archive, mesh.names);
   bool known = false;
   archive.Flag(known);
   if (known) archive.Array(mesh.unused_vertices.emplace());

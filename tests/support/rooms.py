@@ -15,7 +15,7 @@ MAX_FILES = 25  # a folder; CMakeLists.txt and documents are not counted
 # From the ground up: a room includes itself and rooms before it.
 FLOORS = """
 core/base/checksum core/base core/grid core/raster core/raster/filtered core/job
-core/mesh/scene core/mesh core/mesh/views core/mesh/health
+core/mesh/scene core/mesh core/mesh/place core/mesh/parts core/mesh/views core/mesh/health
 core/shaders/texture core/shaders/interface core/shaders/fragment core/shaders/vertex core/shaders
 core/load/base core/load/stl core/load/ply core/load/off core/load/obj core/load/decode
 core/load/threemf core/load/gltf/document core/load/gltf/geometry core/load/gltf core/load

@@ -204,6 +204,9 @@ std::string Canonical(const RequestOptions& options) {
   const bool open = !options.result || (options.targets.empty() && !options.shader);
   if (open && format != nullptr && format->of_whole_results()) canonical["format"] = format->name;
   if (options.clip) canonical["clip"] = *options.clip;
+  if (options.parts != "whole") {
+    canonical["parts"] = {options.parts, options.part_labels, options.part_priorities, options.exclude};
+  }
   if (options.axes) canonical["axes"] = *options.axes;
   if (options.grid_like) canonical["grid_like"] = *options.grid_like;  // in no digest: those have its grid
   return canonical.dump(-1, ' ', true, json::error_handler_t::replace);

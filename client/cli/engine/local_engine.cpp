@@ -4,6 +4,7 @@
 
 #include "engine/clock.h"
 #include "engine/engine.h"
+#include "mesh/parts/part_list.h"
 #include "mesh/placed_mesh.h"
 #include "mesh/report.h"
 
@@ -17,7 +18,7 @@ struct RunMesh {
   std::vector<std::pair<std::string, double>> stages;  // milliseconds
 };
 
-absl::StatusOr<RunMesh> Load(MeshInputs inputs, const TextureUse& use, const JobContext& job) {
+absl::StatusOr<RunMesh> LoadAll(MeshInputs inputs, const TextureUse& use, const JobContext& job) {
   double load_ms = 0, flatten_ms = 0;
   std::vector<std::shared_ptr<TriangleMesh>> meshes;
   for (MeshInput& input : inputs.files) {
@@ -46,11 +47,20 @@ absl::StatusOr<RunMesh> Load(MeshInputs inputs, const TextureUse& use, const Job
   return made;
 }
 
+absl::StatusOr<RunMesh> Load(MeshInputs inputs, const VoxelizeRequest& request, const JobContext& job) {
+  absl::StatusOr<RunMesh> made = LoadAll(std::move(inputs), TexturesRead(request), job);
+  if (!made.ok() || request.parts.exclude.empty()) return made;
+  absl::StatusOr<TriangleMesh> kept = ExcludeParts(job, made->mesh, request.parts);
+  if (!kept.ok()) return kept.status();
+  made->mesh = *std::move(kept);
+  return made;
+}
+
 class LocalEngine : public Engine {
  public:
   absl::StatusOr<EngineRun> Run(MeshInputs meshes, const VoxelizeRequest& request, int repeat, JobContext& job,
                                 ResultSink& sink, VoxelizeResult* whole) override {
-    absl::StatusOr<RunMesh> loaded = Load(std::move(meshes), TexturesRead(request), job);
+    absl::StatusOr<RunMesh> loaded = Load(std::move(meshes), request, job);
     if (!loaded.ok()) return loaded.status();
     const PlanLimits limits = LimitsInProcess(job);
     EngineRun run;

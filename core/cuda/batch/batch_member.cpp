@@ -126,7 +126,8 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
   if (item.mesh->triangles.size() > kMaxTriangles || item.mesh->positions.size() > kMaxVertices) return nullptr;
   if (!item.job->Check().ok()) return nullptr;
   if (request.coverage == Coverage::kNone || request.fill == Fill::kNonzero) return nullptr;  // not supported by passes
-  absl::StatusOr<BoundRequest> bound = BindRequest(*item.mesh, request);
+  if (request.parts != PartSelection()) return nullptr;                                       // neither
+  absl::StatusOr<BoundRequest> bound = BindRequest(*item.job, *item.mesh, request);
   if (!bound.ok()) return nullptr;
   auto member = std::make_unique<BatchMember>();
   member->item = &item;

@@ -43,6 +43,7 @@ struct PartView {
   uint64_t first_triangle = 0;
   int32_t material = 0;  // index into materials; the default material stands at the end of the array
   uint32_t mesh = 0;
+  uint32_t label = 1;  // of the part of the request that it belongs to
   bool has_normals = false, has_tangents = false, has_colors = false;
   bool has_uv[2] = {false, false};
 };

@@ -81,6 +81,9 @@ absl::Status ValidateTarget(const TargetSpec& target, const std::string& field) 
 
 absl::Status ValidateCoverage(const VoxelizeRequest& request) {
   const bool buckets = request.result == ResultKind::kBuckets;
+  if (request.parts.scope != PartScope::kWhole && request.fill == Fill::kFlood) {
+    return Invalid("fill", "flood fills the whole mesh; parts take parity or nonzero");
+  }
   if (buckets && request.fill != Fill::kNone) {
     return Invalid("fill", "buckets list fragments; there is nothing to fill");
   }
@@ -93,6 +96,16 @@ absl::Status ValidateCoverage(const VoxelizeRequest& request) {
 
 }  // namespace
 
+std::string_view Name(PartScope scope) {
+  switch (scope) {
+    case PartScope::kWhole: return "whole";
+    case PartScope::kFile: return "file";
+    case PartScope::kNode: return "node";
+    case PartScope::kMesh: return "mesh";
+    case PartScope::kMaterial: return "material";
+  }
+  return "whole";
+}
 std::string_view Name(Coverage coverage) {
   switch (coverage) {
     case Coverage::kConservative: return "conservative";

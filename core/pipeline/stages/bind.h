@@ -11,6 +11,7 @@ namespace voxelpipe {
 
 // Errors: those of ValidateRequest; INVALID_ARGUMENT naming the target whose shader asks for an attribute that the mesh
 // does not have.
-absl::StatusOr<BoundRequest> BindRequest(const TriangleMesh& mesh, const VoxelizeRequest& request);
+absl::StatusOr<BoundRequest> BindRequest(const JobContext& job, const TriangleMesh& mesh,
+                                         const VoxelizeRequest& request);
 
 }  // namespace voxelpipe

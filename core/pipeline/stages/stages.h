@@ -23,6 +23,7 @@
 #include "grid/host_buffer.h"
 #include "job/request.h"
 #include "job/result.h"
+#include "mesh/parts/part_list.h"
 #include "mesh/triangle_mesh.h"
 #include "pipeline/plan/footprint.h"
 #include "pipeline/plan/list_memory.h"
@@ -38,6 +39,7 @@ struct BoundRequest {
   BoundShader vertex_shader;
   std::vector<BoundShader> fragment_shaders;  // one a target
   bool bodies_move = false;                   // HasMotions of the mesh
+  std::shared_ptr<const PartList> parts;      // null: the request does not cut the mesh into parts
 };
 
 // Layers begin <= z < end of the grid; both multiples of kSlabGranularity, but for the last slab's end.

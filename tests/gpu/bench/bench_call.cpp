@@ -33,7 +33,7 @@ double Marks::Between(size_t a, size_t b) const {
 absl::StatusOr<std::unique_ptr<Call>> Call::Make(const Backend& backend, const TriangleMesh& mesh,
                                                  const VoxelizeRequest& request) {
   auto call = std::unique_ptr<Call>(new Call);
-  absl::StatusOr<BoundRequest> bound = BindRequest(mesh, request);
+  absl::StatusOr<BoundRequest> bound = BindRequest(JobContext(), mesh, request);
   if (!bound.ok()) return bound.status();
   call->bound_ = *std::move(bound);
   absl::StatusOr<std::unique_ptr<Stages>> stages = backend.Start(mesh, call->bound_, call->job_);

@@ -167,7 +167,7 @@ class CountingMeasure {
  public:
   CountingMeasure(const TriangleMesh& mesh, const VoxelizeRequest& request) : request_(request) {
     const auto cpu = SelectBackend(BackendChoice::kCpu);
-    const auto bound = BindRequest(mesh, request_);
+    const auto bound = BindRequest(JobContext(), mesh, request_);
     if (!cpu.ok() || !bound.ok()) return;
     backend_ = *cpu;
     bound_ = *bound;

@@ -24,7 +24,7 @@ using testing::UnitGrid;
 
 Surface Measure(const TriangleMesh& mesh, const VoxelizeRequest& request) {
   const Backend& cpu = **SelectBackend(BackendChoice::kCpu);
-  const BoundRequest bound = *BindRequest(mesh, request);
+  const BoundRequest bound = *BindRequest(JobContext(), mesh, request);
   const JobContext job;
   absl::StatusOr<Surface> surface = absl::UnknownError("not run");
   cpu.Run(request.threads, [&] {

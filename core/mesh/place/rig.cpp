@@ -2,7 +2,7 @@
 #include <memory>
 #include <utility>
 
-#include "mesh/place_parts.h"
+#include "mesh/place/join.h"
 #include "mesh/scene/scene_bytes.h"
 
 namespace voxelpipe {

@@ -3,7 +3,7 @@
 #include <unordered_map>
 
 #include "base/long_loops.h"
-#include "mesh/place_parts.h"
+#include "mesh/place/join.h"
 
 namespace voxelpipe {
 namespace {

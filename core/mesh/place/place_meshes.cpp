@@ -9,7 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "base/long_loops.h"
-#include "mesh/place_parts.h"
+#include "mesh/place/join.h"
 #include "mesh/placed_mesh.h"
 #include "mesh/scene/vertex_pose.h"
 
@@ -83,8 +83,8 @@ absl::Status ListParts(const JobContext& job, std::span<const PlacedMesh> meshes
     if (fresh) ListTextures(from, mesh);
     at.texture = known->second;
     offsets.push_back(at);
-    mesh.placed.push_back(
-        {at.part, placed.name, placed.label.value_or(uint32_t(i + 1)), placed.priority, placed.motion});
+    mesh.placed.push_back({at.part, placed.name, placed.label.value_or(uint32_t(i + 1)), placed.priority, placed.motion,
+                           from.names, at.node, at.mesh});
     for (MeshPart part : from.parts) {
       part.first_triangle += at.triangle;
       part.first_vertex += at.vertex;
