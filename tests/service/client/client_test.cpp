@@ -15,6 +15,7 @@
 #include "gtest/gtest.h"
 #include "many_stream.h"
 #include "voxelpipe/v1/voxelization_service.grpc.pb.h"
+#include "wire/contract_revision.h"
 #include "wire/mesh_name.h"
 
 namespace voxelpipe::testing {
@@ -233,7 +234,8 @@ TEST(ClientContractTest, AServerOfAnotherContractIsNamed) {
     EXPECT_TRUE(absl::IsUnimplemented(status)) << status;
     EXPECT_EQ(std::string(status.message()), absl::StrCat("the server at ", serving.target(),
                                                           " speaks another version of the contract than this client, "
-                                                          "which is made for revision 1"));
+                                                          "which is made for revision ",
+                                                          kContractRevision));
   }
 }
 
