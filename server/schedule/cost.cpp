@@ -25,8 +25,8 @@ constexpr double kExportByteNs = 10;     // a byte of the result in a compressed
 constexpr double kPlainByteLoadNs = 2.5;  // GLB: parse, flatten
 constexpr double kTextByteLoadNs = 6;     // glTF with data URIs, OBJ, OFF
 constexpr double kDracoByteLoadNs = 60;   // some two bytes a triangle
-constexpr double kPlaceMeshNs = 2000;
-constexpr double kPlaceTriangleNs = 30;  // with half a vertex, its normal and coordinates
+constexpr double kPlaceMeshNs = 1000;
+constexpr double kPlaceTriangleNs = 45;  // with half a vertex, its normal and coordinates
 constexpr double kPlainBytesATriangle = 30;
 constexpr double kDracoBytesATriangle = 3;
 
