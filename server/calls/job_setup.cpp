@@ -1,6 +1,8 @@
 #include "calls/job_setup.h"
 
+#include <memory>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "base/checksum/crc32c.h"

@@ -1,13 +1,15 @@
 // Several stored meshes on one grid, each placed by a matrix.
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
-#include <cstring>
 #include <functional>
 #include <future>
 #include <limits>
 #include <map>
+#include <memory>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -147,6 +148,28 @@ TEST_F(ResultSharingTest, OtherRequestsRunApart) {
   }
   EXPECT_NE(a->results.at(0), b->results.at(0));
   EXPECT_FALSE(a->results.at(0)->sums) << "hashed while it is sent";
+}
+
+// A name must not be taken for a part of the next one, nor an entry for two.
+TEST_F(ResultSharingTest, ListsOfPlacedMeshesHaveKeysOfTheirOwn) {
+  const auto key = [this](const std::vector<PlacedStored>& list) {
+    const auto job = Job();
+    job->config.placed = std::make_shared<const std::vector<PlacedStored>>(list);
+    return RequestKey(*job);
+  };
+  const std::string id = mesh->name();
+  std::set<std::string> keys{RequestKey(*Job())};
+  const std::vector<std::vector<PlacedStored>> lists{{{id}},
+                                                     {{id}, {id}},
+                                                     {{id, Mat4d(), "ab"}, {id, Mat4d(), "c"}},
+                                                     {{id, Mat4d(), "a"}, {id, Mat4d(), "bc"}},
+                                                     {{id, Mat4d(), "", 1u}},
+                                                     {{id, Mat4d(), "", {}, 1}},
+                                                     {{id, Mat4d(), "", {}, 0, RigidMotionNumbers()}}};
+  for (size_t i = 0; i < lists.size(); ++i) {
+    EXPECT_TRUE(keys.insert(key(lists[i])).second) << i;
+    EXPECT_EQ(key(lists[i]), key(lists[i])) << i;
+  }
 }
 
 TEST_F(ResultSharingTest, WhatCannotBeSharedGoesThrough) {
