@@ -57,8 +57,14 @@ class CpuStages final : public Stages {
     if (s.ok()) s = clock("tile_sort", [&] { return cpu::TileSort(state_); });
     return s;
   }
-  absl::Status FineRaster(const Slab& slab) override {
+  absl::Status FindOwners(const Slab& slab) override {
     if (absl::Status s = BeginSlab(slab); !s.ok()) return s;
+    return cpu::FindOwners(state_);
+  }
+  absl::Status FineRaster(const Slab& slab) override {
+    if (!state_.by_parts) {  // FindOwners has begun it
+      if (absl::Status s = BeginSlab(slab); !s.ok()) return s;
+    }
     return cpu::FineRaster(state_);
   }
   absl::Status SolidFill() override { return cpu::SolidFill(state_); }

@@ -20,8 +20,9 @@ void FillElements(RunState& state, CpuTarget& target, int64_t row, std::span<con
     for (uint32_t left = inside[w] & ~present; left != 0; left &= left - 1) {
       const auto x = int64_t(w) * 32 + std::countr_zero(left);
       const uint64_t n = uint64_t(row) * uint64_t(state.dims[0]) + uint64_t(x);
+      const FillValue& fill = state.FillOf(target, row, x);
       for (uint64_t c = 0; c < components; ++c) {
-        out[planar ? c * voxels + n : n * components + c] = Element(FillStored(target.fill, x, y, z, int(c)));
+        out[planar ? c * voxels + n : n * components + c] = Element(FillStored(fill, x, y, z, int(c)));
       }
     }
   }

@@ -35,7 +35,9 @@ int BitGrids(const VoxelizeRequest& request, const GridSpec& grid) {
   for (const TargetSpec& target : request.targets) {
     const bool in_tiles = request.result == ResultKind::kSparse;  // tiles keep their bits
     if (target.format == VoxelFormat::kBit && !IsOccupancyBit(target) && !in_tiles) ++grids;
-    if (OwnPresence(target)) ++grids;
+    const bool of_owner = HoldsOwner(request, target) && !(IsOccupancyBit(target) && FillBit(target));
+    if (OwnPresence(target) || of_owner) ++grids;
+    if (of_owner && IsOccupancyBit(target) && !in_tiles) ++grids;  // its bits
   }
   return grids;
 }
@@ -77,7 +79,10 @@ constexpr double kBlocks = 1.3;                      // lists that grow by block
 
 // True if rows are set without tiles, as in run_state.h.
 bool PlainBits(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh) {
-  return footprint::PlainBits(request) && RowBitsFit(grid, mesh.triangles);
+  const bool owned = std::any_of(request.targets.begin(), request.targets.end(), [&](const TargetSpec& target) {
+    return HoldsOwner(request, target) && !FillBit(target);
+  });
+  return footprint::PlainBits(request) && !owned && RowBitsFit(grid, mesh.triangles);
 }
 
 // What all tiles keep until the lists are made: values for a sparse result, fragments for buckets.
@@ -135,8 +140,9 @@ double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const Mesh
   if (plain_bits || request.fill == Fill::kFlood) {
     bytes += 4 * (double(mesh.triangles) + surface.layers / kMaxSlabLayers) + threads * kBinChunkBytes;
   }
-  if (CastsLines(request.fill)) bytes += 4 * surface.crossings + 2 * threads * kBinChunkBytes;
-  if (request.fill == Fill::kNonzero) {
+  const double crossing_bytes = FillsParts(request) ? 16 * kBlocks : 4;
+  if (CastsLines(request.fill)) bytes += crossing_bytes * surface.crossings + 2 * threads * kBinChunkBytes;
+  if (request.fill == Fill::kNonzero && !FillsParts(request)) {
     // The signed counters of a block of rows for each thread.
     const double all = double(BitGrid::BytesFor({grid.dims[0], grid.dims[1], layers}));
     const double row = double(BitGrid::BytesFor({grid.dims[0], 1, 1}));
@@ -171,6 +177,8 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
   const auto slab_bytes = [&](int64_t layers) {
     double bytes = dense ? DenseBytes(request, grid, layers) : lists(layers);
     if (request.result == ResultKind::kSparse && !plain_bits) bytes += 4 * TilesOfGrid(grid, layers);
+    // Of each voxel the rank of its owner.
+    if (FillsParts(request)) bytes += Pooled(2 * double(grid.dims[0]) * double(grid.dims[1]) * double(layers));
     return bytes + BitGridBytes(request, grid, layers);
   };
   out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);

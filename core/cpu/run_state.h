@@ -36,10 +36,14 @@ struct CpuTarget {
   double scale = 1;           // of f32 outputs into integers
   uint32_t clear_stored = 0;  // as stored in the format
   FillValue fill;
+  std::vector<FillValue> part_fills;  // by rank, where the fill differs from part to part; else empty
+  // Holds the owner's fragment alone: `replace` where parts are filled.
+  bool of_owner = false;
+  bool ids_unordered = false;  // triangles do not come by id: parts are filled
   // A bit target of the occupancy shader: with every blend its value is the coverage itself, and nothing else is
   // stored.
   bool is_occupancy = false;
-  // The shader can discard, so the target has its own set of written voxels.
+  // The shader can discard, or the owner has no fragment, so the target has its own set of written voxels.
   bool own_presence = false;
 
   BitGrid bits;      // values of a bit target, unless is_occupancy
@@ -85,9 +89,16 @@ struct RunState : HostMesh {
   std::shared_ptr<ABuffer> a_buffer;  // buckets
 
   // FineRaster, SolidFill
+  bool by_parts = false, needs_ranks = false;  // FillsParts; a target asks for the owner of a voxel
+  HostArray<uint16_t> inside_ranks;            // needs_ranks: of each voxel of the slab, see FillParts
   BitGrid inside;
   SlabCounts counts;
 
+  // The fill of a voxel of a slab row; in grid coordinates, with the row's number.
+  const FillValue& FillOf(const CpuTarget& target, int64_t slab_row, int64_t x) const {
+    if (target.part_fills.empty()) return target.fill;
+    return target.part_fills[size_t(inside_ranks[uint64_t(slab_row * dims[0] + x)] - 1)];
+  }
   int64_t SlabRow(int64_t y, int64_t z) const { return y + dims[1] * (z - slab.begin); }
   uint64_t slab_voxels() const { return uint64_t(slab_dims[0]) * uint64_t(slab_dims[1]) * uint64_t(slab_dims[2]); }
 };
@@ -99,6 +110,7 @@ bool PlainBits(const HostMesh& mesh, const GridSpec& grid);
 absl::Status CoarseRaster(RunState& state, const GridSpec& grid);
 absl::Status TileSort(RunState& state);
 absl::Status BeginSlab(RunState& state, const Slab& slab);
+absl::Status FindOwners(RunState& state);
 absl::Status FineRaster(RunState& state);
 absl::Status SolidFill(RunState& state);
 absl::StatusOr<ResultArrays> Finish(RunState& state);

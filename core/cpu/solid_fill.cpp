@@ -18,6 +18,7 @@
 #include "cpu/base/task_sizes.h"
 #include "cpu/dense_fill.h"
 #include "cpu/flood_fill.h"
+#include "cpu/part_fill.h"
 #include "cpu/rows/crossings.h"
 #include "cpu/rows/row_bins.h"
 #include "cpu/run_state.h"
@@ -210,10 +211,22 @@ bool JoinsCoverage(const RunState& state) {
 }
 
 absl::Status Inside(RunState& state, BitGrid& out, bool add) {
+  if (state.by_parts) return FillParts(state, out, add);
   return state.request.request.fill == Fill::kFlood ? FloodInside(state, out, add) : Cast(state, out, add);
 }
 
+absl::Status MakeInside(RunState& state) {
+  auto inside = BitGrid::CreateUncleared(state.slab_dims);
+  if (!inside.ok()) return inside.status();
+  state.inside = *std::move(inside);
+  return Inside(state, state.inside, false);
+}
+
 }  // namespace
+
+absl::Status FindOwners(RunState& state) {
+  return state.row_bits ? absl::OkStatus() : MakeInside(state);
+}
 
 absl::Status SolidFill(RunState& state) {
   if (JoinsCoverage(state)) return Inside(state, state.coverage, true);
@@ -221,10 +234,9 @@ absl::Status SolidFill(RunState& state) {
   if (state.request.request.fill == Fill::kFlood) {
     if (absl::Status s = FindOutside(state); !s.ok()) return s;
   }
-  auto inside = BitGrid::CreateUncleared(state.slab_dims);
-  if (!inside.ok()) return inside.status();
-  state.inside = *std::move(inside);
-  if (absl::Status s = Inside(state, state.inside, false); !s.ok()) return s;
+  if (state.inside.empty()) {
+    if (absl::Status s = MakeInside(state); !s.ok()) return s;
+  }
   if (state.request.request.result == ResultKind::kSparse)
     return absl::OkStatus();  // the bricks are filled as they are made
   return ParallelChunks(state.inside.rows(), 256, state.job, [&](int64_t begin, int64_t end) {

@@ -208,7 +208,8 @@ class BrickMaker {
   // The value of a filled voxel without a fragment of the target.
   uint32_t Filled(const CpuTarget& target, int c, int64_t r, int64_t bx, int row, int bit) const {
     const int64_t y = r % ny_ * kBrick + row % 8, z = state_.slab.begin + r / ny_ * kBrick + row / 8;
-    return FillStored(target.fill, bx / 4 * 32 + bit, y, z, c);
+    const int64_t x = bx / 4 * 32 + bit;
+    return FillStored(state_.FillOf(target, SlabRowOf(r, row), x), x, y, z, c);
   }
 
   // A tile's value. If the fragments of this target were discarded and another target covers the voxel: the value that

@@ -6,6 +6,7 @@
 #include "cpu/run_state.h"
 #include "cpu/sparse.h"
 #include "pipeline/plan/plan.h"
+#include "pipeline/stages/part_fill_values.h"
 #include "pipeline/stages/target_rules.h"
 #include "shaders/blend_ops.h"
 
@@ -67,6 +68,7 @@ bool PlainBits(const HostMesh& mesh, const GridSpec& grid) {
   for (size_t i = 0; i < request.targets.size(); ++i) {
     if (request.targets[i].format != VoxelFormat::kBit) return false;
     if (FragmentShaderId(mesh.request.fragment_shaders[i].id) != FragmentShaderId::kOccupancy) return false;
+    if (HoldsOwner(request, request.targets[i]) && !FillBit(request.targets[i])) return false;
   }
   return true;
 }
@@ -83,6 +85,9 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.value_arenas.clear();
   state.kept_bytes = 0;
   state.a_buffer.reset();
+  state.by_parts = FillsParts(state.request.request);
+  state.needs_ranks = false;
+  state.inside_ranks = HostArray<uint16_t>();
   const bool buckets = state.request.request.result == ResultKind::kBuckets;
   if (!buckets) {
     auto coverage = BitGrid::CreateUncleared(state.slab_dims);
@@ -102,7 +107,15 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     target.clear_stored = StoredBits(NumberToCell(target.spec.clear, format), format);
     target.fill = FillValueOf(state.request, i, state.grid);
     target.is_occupancy = target.spec.format == VoxelFormat::kBit && target.shader == FragmentShaderId::kOccupancy;
-    target.own_presence = TraitsOf(target.shader).can_discard;
+    target.of_owner = HoldsOwner(state.request.request, target.spec) && !(target.is_occupancy && FillBit(target.spec));
+    if (target.of_owner) target.is_occupancy = false;  // the owner may have no fragment where others have
+    target.own_presence = TraitsOf(target.shader).can_discard || target.of_owner;
+    target.ids_unordered = state.by_parts;
+    if (FillsByPart(state.request, i)) {
+      target.part_fills =
+          PartFillValues(state.request, i, state.view, MotionsByRank(state.mesh, state.request), state.grid);
+    }
+    state.needs_ranks = state.needs_ranks || target.of_owner || !target.part_fills.empty();
     if (!buckets) {
       if (absl::Status s = Allocate(target, state); !s.ok()) return s;
     }

@@ -30,6 +30,7 @@ void ForEachRun(uint32_t mask, const Visit& visit) {
 TileBuffer::TileBuffer(const CpuTarget& target)
     : spec_(target.spec), format_(target.kept_format), u32_output_(target.u32_output), scale_(target.scale) {
   const size_t count = size_t{kTileVoxels} * size_t(spec_.components);
+  if (spec_.blend == Blend::kFirst && target.ids_unordered) ids_.resize(kTileVoxels);
   if (spec_.format == VoxelFormat::kBit) {
     kept_ = Kept::kBits;
     begin_bits_ = spec_.blend == Blend::kAnd ? ~0u : 0;
@@ -98,7 +99,16 @@ void TileBuffer::UpdateCells(TileSpan span, const BlendValue& value, const Updat
   }
 }
 
-void TileBuffer::Blend(TileSpan span, const BlendValue& value) {
+uint32_t TileBuffer::FirstIn(int row, uint32_t mask, uint32_t before, uint32_t triangle) {
+  uint32_t first = mask & ~before;
+  if (ids_.empty()) return first;
+  uint32_t* const ids = ids_.data() + row * 32;
+  ForEachBit(mask & before, [&](int bit) { first |= uint32_t(triangle < ids[bit]) << bit; });
+  ForEachBit(first, [&](int bit) { ids[bit] = triangle; });
+  return first;
+}
+
+void TileBuffer::Blend(TileSpan span, const BlendValue& value, uint32_t triangle) {
   const int row = span.row();
   const uint32_t mask = span.mask(), before = presence_[size_t(row)];
   if (before == 0) BeginRow(row);
@@ -110,8 +120,11 @@ void TileBuffer::Blend(TileSpan span, const BlendValue& value) {
       if (spec_.blend == Blend::kReplace) bits &= ~mask;
       if (spec_.blend == Blend::kAnd) {
         if (!value.bit) bits &= ~mask;
+      } else if (spec_.blend == Blend::kFirst) {
+        const uint32_t first_in = FirstIn(row, mask, before, triangle);
+        bits = value.bit ? bits | first_in : bits & ~first_in;
       } else if (value.bit) {
-        bits |= spec_.blend == Blend::kFirst ? mask & ~before : mask;
+        bits |= mask;
       }
       break;
     }
@@ -122,12 +135,14 @@ void TileBuffer::Blend(TileSpan span, const BlendValue& value) {
         case Blend::kMax: return UpdateCells(span, value, [](int32_t kept, int32_t v) { return std::max(kept, v); });
         case Blend::kOr: return UpdateCells(span, value, [](int32_t kept, int32_t v) { return kept | v; });
         case Blend::kAnd: return UpdateCells(span, value, [](int32_t kept, int32_t v) { return kept & v; });
-        default:  // first
+        default: {  // first
+          const uint32_t first_in = FirstIn(row, mask, before, triangle);
           for (int c = 0; c < spec_.components; ++c) {
             int32_t* const cells = cells_.data() + c * kTileVoxels + row * 32;
-            ForEachBit(mask & ~before, [&](int bit) { cells[bit] = value.cell[c]; });
+            ForEachBit(first_in, [&](int bit) { cells[bit] = value.cell[c]; });
           }
           return;
+        }
       }
     case Kept::kAverages:
       for (int i = first; i <= last; ++i) ++counts_[size_t(i)];

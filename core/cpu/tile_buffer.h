@@ -28,8 +28,11 @@ class TileBuffer {
 
   BlendValue Convert(const FragmentOutput& out) const;
 
-  // Blends one fragment into each voxel of a span. Fragments of a voxel arrive by ascending triangle id.
-  void Blend(TileSpan span, const BlendValue& value);
+  // Blends one fragment into each voxel of a span. Fragments of a voxel arrive by ascending triangle id; where parts
+  // are filled by ascending rank of their part, and then `first` looks at the triangle's id.
+  void Blend(TileSpan span, const BlendValue& value, uint32_t triangle);
+  // Takes the fragments of these voxels of a row out.
+  void Drop(int row, uint32_t mask) { presence_[size_t(row)] &= ~mask; }
 
   // Writes the tile to the dense target: values where there is a fragment, the clear value elsewhere; and the bits of
   // bit targets and presence to their grids. `range` is the tile clipped to the grid. After the last tile, StreamFence.
@@ -45,6 +48,8 @@ class TileBuffer {
   enum class Kept : uint8_t { kBits, kCells, kSums, kCounts, kAverages };
 
   void BeginRow(int row);
+  // Of the voxels in `mask`, those in which the triangle is the first so far.
+  uint32_t FirstIn(int row, uint32_t mask, uint32_t before, uint32_t triangle);
   template <typename Update>
   void UpdateCells(TileSpan span, const BlendValue& value, const Update& update);
   template <typename Element>
@@ -66,6 +71,7 @@ class TileBuffer {
   std::vector<int32_t> cells_;    // kCells: for min and max in an encoding that orders as signed integers
   std::vector<int64_t> sums_;     // kSums, kAverages
   std::vector<uint32_t> counts_;  // kCounts, kAverages: one a voxel
+  std::vector<uint32_t> ids_;     // `first` where triangles do not come by id: of each voxel the first one so far
 };
 
 }  // namespace voxelpipe::cpu

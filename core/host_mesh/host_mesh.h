@@ -1,6 +1,7 @@
 // The mesh of a run on the host, as the vertex shader leaves it: what all backends share.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -23,8 +24,10 @@ struct HostMesh {
   std::vector<Vec3d> shaded_positions;  // empty under the identity shader, which uses the mesh's own
   std::vector<Vec3f> shaded_normals;
   std::vector<Vec4f> shaded_tangents;
-  std::vector<Vec3f> velocities;   // empty if nothing moves
-  std::vector<MotionRun> motions;  // of placed meshes; empty if none of them moves by itself
+  std::vector<Vec3f> velocities;                           // empty if nothing moves
+  std::vector<std::array<uint32_t, 3>> ordered_triangles;  // by parts (order_parts.h); else empty
+  MemoryCharge order_memory;                               // of that
+  std::vector<MotionRun> motions;                          // of placed meshes; empty if none of them moves by itself
   std::vector<PartView> parts;
   std::vector<MaterialView> materials;
   std::vector<TextureView> textures;

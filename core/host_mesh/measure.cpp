@@ -437,7 +437,7 @@ class Measurer {
         ++surfaces;
         bool inside = surfaces % 2 == 1;
         if (request_.fill == Fill::kNonzero) inside = winding != 0;
-        if (flood) inside = inside || winding != 0;
+        if (flood || FillsParts(request_)) inside = inside || winding != 0;
         if (inside) length += std::clamp(end, 0.0, nx) - std::clamp(line[i].first, 0.0, nx);
       }
       odd += double(surfaces % 2);

@@ -12,6 +12,7 @@
 #include "absl/strings/str_cat.h"
 #include "base/long_loops.h"
 #include "base/parallel.h"
+#include "host_mesh/order_parts.h"
 #include "mesh/views/material_views.h"
 #include "shaders/shader_list.h"
 
@@ -385,6 +386,9 @@ absl::StatusOr<MeshExtent> MeasureMesh(const HostMesh& state) {
 
 absl::StatusOr<MeshExtent> ShadeHostMesh(HostMesh& state) {
   MakeViews(state);
+  if (FillsParts(state.request.request)) {
+    if (absl::Status s = OrderByParts(state); !s.ok()) return s;
+  }
   if (absl::Status s = ShadeVertices(state); !s.ok()) return s;
   return MeasureMesh(state);
 }

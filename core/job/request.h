@@ -102,6 +102,11 @@ struct VoxelizeRequest {
 
 inline constexpr int kMaxTargets = 8;
 
+// True if each part is filled by itself.
+inline bool FillsParts(const VoxelizeRequest& request) {
+  return request.parts.scope != PartScope::kWhole && CastsLines(request.fill);
+}
+
 std::string_view Name(Coverage coverage);
 std::string_view Name(Fill fill);
 std::string_view Name(PartScope scope);

@@ -14,6 +14,7 @@
 #include "pipeline/run.h"
 #include "pipeline/run_plan.h"
 #include "pipeline/slab_loop.h"
+#include "pipeline/stages/backend.h"
 #include "pipeline/stages/bind.h"
 #include "pipeline/stages/stage_clock.h"
 #include "pipeline/stages/stages.h"
@@ -26,6 +27,7 @@ namespace {
 // sorts no tiles (cuda/README.md).
 absl::Status RasterizeSlab(Stages& stages, const VoxelizeRequest& request, const Slab& slab, StageClock& clock) {
   absl::Status s = stages.SortTriangles(slab, clock);  // coarse_raster, tile_sort
+  if (s.ok() && FillsParts(request)) s = clock("fill", [&] { return stages.FindOwners(slab); });
   if (s.ok()) s = clock("fine_raster", [&] { return stages.FineRaster(slab); });
   if (s.ok() && request.fill != Fill::kNone) s = clock("fill", [&] { return stages.SolidFill(); });
   return s;
@@ -54,18 +56,25 @@ absl::StatusOr<MadeSlab> MakeSlab(Stages& stages, const VoxelizeRequest& request
 
 }  // namespace
 
+const Backend& BackendFor(const Backend& chosen, const VoxelizeRequest& request) {
+  if (!FillsParts(request)) return chosen;
+  const absl::StatusOr<const Backend*> cpu = SelectBackend(BackendChoice::kCpu);
+  return cpu.ok() ? **cpu : chosen;
+}
+
 absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStats& stats) {
   const VoxelizeRequest& request = run.request;
+  const Backend& backend = BackendFor(run.backend, request);
   const absl::StatusOr<BoundRequest> bound = BindRequest(run.job, run.mesh, request);
   if (!bound.ok()) return bound.status();
   stats.warnings = WarningsOf(run.mesh, *bound);
   if (absl::Status s = CheckStrict(request, stats.warnings); !s.ok()) return s;
   std::optional<ListMemory> lists;  // before the stages, which ask it to their end
-  absl::StatusOr<std::unique_ptr<Stages>> started = run.backend.Start(run.mesh, *bound, run.job);
+  absl::StatusOr<std::unique_ptr<Stages>> started = backend.Start(run.mesh, *bound, run.job);
   if (!started.ok()) return started.status();
   Stages& stages = **started;
   stats.triangles = run.mesh.triangles.size();
-  stats.backend = std::string(run.backend.name());
+  stats.backend = std::string(backend.name());
   stats.simd = std::string(stages.simd());
   StageClock clock(run.job, stats);
 
@@ -73,7 +82,7 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
   if (!extent.ok()) return extent.status();
   stats.triangles_outside = extent->triangles_outside;
   const MeshSize size{run.mesh.triangles.size(), run.mesh.positions.size(), *std::move(extent)};
-  const RunPlanner planner(run.backend, stages, request, size, run.limits, run.delivery);
+  const RunPlanner planner(backend, stages, request, size, run.limits, run.delivery);
   absl::StatusOr<PlannedRun> planned = clock("vertex_shade", [&] { return planner.Make(); });
   if (!planned.ok()) return planned.status();
   Plan& plan = planned->plan;

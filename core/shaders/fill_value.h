@@ -13,9 +13,10 @@ namespace voxelpipe {
 // Made by FillValueOf (pipeline/stages/target_rules.h).
 struct FillValue {
   enum class Kind : uint8_t {
-    kStored,    // the same in all voxels
-    kPosition,  // the voxel's centre, world units
-    kVelocity,  // of the rigid motion there
+    kStored,         // the same in all voxels
+    kPosition,       // the voxel's centre, world units
+    kVelocity,       // of the rigid motion there
+    kTwoVelocities,  // the same, and that of `further`
     kChecker,
   };
   Kind kind = Kind::kStored;
@@ -25,6 +26,7 @@ struct FillValue {
   // For the other kinds.
   Vec3d origin{}, voxel_size{1, 1, 1};
   double parameters[RigidMotion::kParameters] = {};  // of RigidMotion, or of CheckerShader
+  double further[RigidMotion::kParameters] = {};     // kTwoVelocities: of a second RigidMotion
 };
 
 // The centre of a voxel, in world units.
@@ -47,7 +49,11 @@ VOXELPIPE_HD FragmentOutput FillOutput(const FillValue& fill, int64_t x, int64_t
     return out;
   }
   Vec3d v = VoxelCentre(fill.origin, fill.voxel_size, x, y, z);
-  if (fill.kind == FillValue::Kind::kVelocity) v = RigidMotion::At(fill.parameters, v);
+  if (fill.kind == FillValue::Kind::kVelocity) {
+    v = RigidMotion::At(fill.parameters, v);
+  } else if (fill.kind == FillValue::Kind::kTwoVelocities) {
+    v = RigidMotion::At(fill.parameters, v) + RigidMotion::At(fill.further, v);
+  }
   for (int i = 0; i < 3; ++i) out.f[i] = float(v[i]);
   return out;
 }

@@ -44,6 +44,9 @@ struct PartView {
   int32_t material = 0;  // index into materials; the default material stands at the end of the array
   uint32_t mesh = 0;
   uint32_t label = 1;  // of the part of the request that it belongs to
+  // Where parts are filled (host_mesh/order_parts.h): the rank of its part plus 1, and what leads from the number of a
+  // triangle here to its id, modulo 2^32.
+  uint32_t rank = 0, id_offset = 0;
   bool has_normals = false, has_tangents = false, has_colors = false;
   bool has_uv[2] = {false, false};
 };

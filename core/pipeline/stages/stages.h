@@ -123,6 +123,9 @@ class Stages {
   // of the grid's origin.
   virtual absl::Status SortTriangles(const Slab& slab, StageClock& clock) = 0;
 
+  // Only where parts are filled (FillsParts), before FineRaster: which part's inside has the centre of each voxel.
+  virtual absl::Status FindOwners(const Slab& /*slab*/) { return absl::UnimplementedError("parts on this backend"); }
+
   // Sets every voxel of the slab to its clear value; then coverage, fragment shading, blending and store, by tiles or
   // whatever the backend's path has in their place.
   virtual absl::Status FineRaster(const Slab& slab) = 0;

@@ -1,6 +1,8 @@
 #include "pipeline/stages/target_rules.h"
 
 #include <algorithm>
+#include <iterator>
+#include <string_view>
 
 #include "shaders/shader_list.h"
 
@@ -54,11 +56,32 @@ bool FillBit(const TargetSpec& spec) {
   return spec.fill_values.empty() || spec.fill_values[0] != 0;
 }
 
+bool HoldsOwner(const VoxelizeRequest& request, const TargetSpec& spec) {
+  return FillsParts(request) && spec.blend == Blend::kReplace;
+}
+
+bool GivesValuesOfParts(const VoxelizeRequest& request, const TargetSpec& spec) {
+  constexpr std::string_view kShaders[] = {"triangle_id", "material_id", "mesh_id",           "label",
+                                           "base_color",  "emissive",    "metallic_roughness"};
+  return FillsParts(request) &&
+         std::find(std::begin(kShaders), std::end(kShaders), spec.shader.name) != std::end(kShaders);
+}
+
 bool HasFillValue(const VoxelizeRequest& request, const TargetSpec& spec, bool bodies_move) {
   if (spec.format == VoxelFormat::kBit || !spec.fill_values.empty() || spec.blend == Blend::kCount) return true;
   const std::string& shader = spec.shader.name;
-  if (shader == "velocity") return !bodies_move && !GivesVelocities(request.vertex_shader);
+  if (GivesValuesOfParts(request, spec)) return true;
+  if (shader == "velocity") {
+    const bool known = !bodies_move || (FillsParts(request) && request.parts.scope == PartScope::kFile);
+    return known && !GivesVelocities(request.vertex_shader);
+  }
   return shader == "occupancy" || shader == "constant" || shader == "position" || shader == "checker";
+}
+
+FillValue VelocityFillValue(const BoundRequest& request, size_t index, const GridSpec& grid) {
+  BoundRequest still = request;
+  still.bodies_move = false;
+  return FillValueOf(still, index, grid);
 }
 
 FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec& grid) {
@@ -80,7 +103,9 @@ FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec&
     return fill;
   }
   if (spec.blend == Blend::kCount) return fill;
-  if (!HasFillValue(request.request, spec, request.bodies_move)) {
+  const bool of_parts = GivesValuesOfParts(request.request, spec) ||
+                        (request.bodies_move && FragmentShaderId(shader.id) == FragmentShaderId::kVelocity);
+  if (of_parts || !HasFillValue(request.request, spec, request.bodies_move)) {
     for (uint32_t& stored : fill.stored) StoreNumber(spec.clear, spec, stored);
     return fill;
   }

@@ -28,7 +28,7 @@ VOXELPIPE_HD FragmentInput MakePlainInput(const MeshView& mesh, uint32_t triangl
   FragmentInput in;
   in.mesh = &mesh;
   in.part = &mesh.parts[PartOf(mesh, triangle)];
-  in.triangle = triangle;
+  in.triangle = triangle + in.part->id_offset;
   for (int i = 0; i < 3; ++i) in.vertex[i] = mesh.triangles[triangle][i];
   return in;
 }
