@@ -18,6 +18,19 @@ bool SameOutput(const FragmentOutput& a, const FragmentOutput& b) {
   return std::memcmp(a.f, b.f, sizeof a.f) == 0 && std::memcmp(a.u, b.u, sizeof a.u) == 0 && a.discard == b.discard;
 }
 
+// True if the shader gives the same all over the triangle: no texture and no vertex colours take part.
+bool IsSameAllOver(FragmentShaderId id, const FragmentInput& in) {
+  const MaterialView& material = in.material();
+  const bool plain_color = material.base_color.texture < 0 && !in.part->has_colors;
+  const bool plain_alpha = plain_color || !material.alpha_mask;
+  switch (id) {
+    case FragmentShaderId::kBaseColor: return plain_color;
+    case FragmentShaderId::kEmissive: return plain_alpha && material.emissive.texture < 0;
+    case FragmentShaderId::kMetallicRoughness: return plain_alpha && material.metallic_roughness.texture < 0;
+    default: return SameForTriangle(id, in);
+  }
+}
+
 // The output that all triangles of the runs [first, last) have; false if they differ.
 bool OutputOf(const BoundShader& shader, const MeshView& mesh, uint32_t first, uint32_t last, FragmentOutput& out) {
   const auto id = FragmentShaderId(shader.id);
@@ -25,7 +38,7 @@ bool OutputOf(const BoundShader& shader, const MeshView& mesh, uint32_t first, u
     const uint64_t begin = mesh.parts[run].first_triangle;
     const uint64_t end = run + 1 < mesh.part_count ? mesh.parts[run + 1].first_triangle : mesh.triangle_count;
     const FragmentInput in = MakePlainInput(mesh, uint32_t(begin));
-    if (!SameForTriangle(id, in)) return false;
+    if (!IsSameAllOver(id, in)) return false;
     if (id == FragmentShaderId::kTriangleId && end - begin > 1) return false;
     FragmentOutput here;
     ShadeFragment(id, in, shader.params, here);

@@ -63,7 +63,7 @@ void ExpectTheReference(const CpuTarget& target, uint32_t seed) {
       const int row = int(random() % 40), a = int(random() % 32), b = int(random() % 32);
       const TileSpan span = TileSpan::At(row, std::min(a, b), std::max(a, b));
       const FragmentOutput out = RandomOutput(random);
-      buffer.Blend(span, buffer.Convert(out));
+      buffer.Blend(span, buffer.Convert(out), 0);
       for (int x = span.first(); x <= span.last(); ++x) {
         for (int c = 0; c < components; ++c) voxels[size_t(row * 32 + x)][size_t(c)].Add(target, out, c);
       }
