@@ -42,7 +42,8 @@ std::string_view NodeName(const TriangleMesh& mesh, size_t run) {
 
 std::string_view MeshName(const TriangleMesh& mesh, size_t run) {
   const NamedRun of = NamesOf(mesh, run);
-  return of.names == nullptr || of.mesh >= of.names->meshes.size() ? "" : of.names->meshes[of.mesh];
+  if (of.names == nullptr || of.mesh >= of.names->meshes.size()) return "";
+  return of.names->meshes[of.mesh];
 }
 
 uint32_t MaterialOf(const TriangleMesh& mesh, size_t run) {
