@@ -16,6 +16,11 @@ template <typename T>
 absl::Status CopyKept(const JobContext& job, const std::vector<T>& from, const std::vector<MeshPart>& runs,
                       const std::vector<bool>& out, bool of_vertices, std::vector<T>& to) {
   if (from.empty()) return absl::OkStatus();
+  uint64_t kept = 0;
+  for (size_t run = 0; run < runs.size(); ++run) {
+    if (!out[run]) kept += of_vertices ? runs[run].vertex_count : runs[run].triangle_count;
+  }
+  to.reserve(kept);
   for (size_t run = 0; run < runs.size(); ++run) {
     if (out[run]) continue;
     const uint64_t first = of_vertices ? runs[run].first_vertex : runs[run].first_triangle;
@@ -34,6 +39,7 @@ absl::Status CopyAttribute(const JobContext& job, const VertexAttribute& from, c
   const auto wide = uint64_t(from.components);
   uint64_t vertex = 0;
   size_t at = 0;
+  to.values.reserve(from.values.size());
   for (size_t run = 0; run < runs.size(); ++run) {
     const MeshPart& part = runs[run];
     while (at < from.runs.size() && from.runs[at].end_vertex <= part.first_vertex) ++at;
@@ -127,8 +133,10 @@ absl::StatusOr<TriangleMesh> ExcludeParts(const JobContext& job, const TriangleM
   if (!excluded.ok()) return excluded.status();
   const std::vector<bool>& out = *excluded;
   kept.memory = std::make_shared<MemoryCharge>(&MemoryOf(job));
-  // Twice: the lists grow by doubling.
-  if (absl::Status full = kept.memory->Grow(2 * MeshBytes(mesh), "the mesh without the excluded parts"); !full.ok()) {
+  const uint64_t lists = 2 * mesh.parts.size() * sizeof(MeshPart) + mesh.placed.size() * sizeof(PlacedEntry) +
+                         (mesh.unused_vertices ? 2 * mesh.unused_vertices->size() * sizeof(uint32_t) : 0);
+  if (absl::Status full = kept.memory->Grow(MeshBytes(mesh) + lists, "the mesh without the excluded parts");
+      !full.ok()) {
     return full;
   }
   try {

@@ -2,11 +2,13 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string_view>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
+#include "base/memory_budget.h"
 #include "base/warning.h"
 #include "job/request.h"
 #include "mesh/triangle_mesh.h"
@@ -25,16 +27,17 @@ struct Part {
 };
 
 struct PartList {
-  std::vector<Part> parts;       // by their first triangle; only parts with triangles
-  std::vector<uint32_t> of_run;  // of each MeshPart the number of its part; 0 for those without triangles
-  WarningList warnings;          // patterns that match no part
+  std::vector<Part> parts;               // by their first triangle; only parts with triangles
+  std::vector<uint32_t> of_run;          // of each MeshPart the number of its part; 0 for those without triangles
+  WarningList warnings;                  // patterns that match no part
+  std::shared_ptr<MemoryCharge> memory;  // to the job's budget; copies share it
 };
 
 // In: a mesh and how it is cut into parts. Out: the parts. kWhole: one, without a name. A node instance, a mesh and a
 // material have the file's names. Label: of the last rule that matches, otherwise with kFile that of the placed mesh,
 // otherwise the part's number from 1. Priority: of the last rule, otherwise that of the placed mesh of its first
 // triangle. Errors: INVALID_ARGUMENT for rules with kWhole, a label of 0, numbers out of range, more than kMaxPartRules
-// rules or kMaxParts parts; the job's. The list refers to the names in the mesh.
+// rules or kMaxParts parts; RESOURCE_EXHAUSTED; the job's. The list refers to the names in the mesh.
 absl::StatusOr<PartList> ListParts(const JobContext& job, const TriangleMesh& mesh, const PartSelection& selection);
 
 // In: a mesh and a selection with patterns to exclude. Out: a mesh without the triangles of the parts whose names match
