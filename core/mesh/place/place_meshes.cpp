@@ -165,7 +165,7 @@ absl::Status AllocateArrays(const JobContext& job, std::span<const PlacedMesh> m
 void WriteVertices(const PlacedMesh& placed, bool as_it_is, bool mirrored, size_t begin, size_t end, uint64_t first,
                    TriangleMesh& mesh) {
   const TriangleMesh& from = *placed.mesh;
-  const Mat4d& m = placed.matrix;
+  const Mat4d m = MatrixOf(placed);
   for (size_t v = begin; v < end; ++v) {
     const size_t at = first + v;
     mesh.positions[at] = as_it_is ? from.positions[v] : TransformPoint(m, from.positions[v]);

@@ -57,7 +57,7 @@ absl::Status JoinRigs(const JobContext& job, std::span<const PlacedMesh> meshes,
     if (absl::Status over = job.Check(); !over.ok()) return over;
     const Rig& from = *placed.mesh->rig;
     if (absl::Status full = mesh.memory->Grow(BytesOf(from), "the rigs of the placed meshes"); !full.ok()) return full;
-    Append(from, placed.matrix, *rig);
+    Append(from, MatrixOf(placed), *rig);
   }
   mesh.rig = std::move(rig);
   return absl::OkStatus();
