@@ -195,7 +195,7 @@ class Builder {
                                         {"exclude", parts.exclude.size()}}) {
       if (count == 0) continue;
       if (parts.scope == PartScope::kWhole) {
-        return Wrong(Called(option), " needs ", Called("parts"), ": file, node, mesh or material");
+        return Wrong(Called(option), ": goes with ", Called("parts"), " file, node, mesh or material");
       }
       if (count > kMaxPartRules) return Wrong(Called(option), ": ", count, " given; at most ", kMaxPartRules);
     }

@@ -74,6 +74,22 @@ TEST(BuildRequest, RefusesOptionsThatExcludeOneAnother) {
   EXPECT_THAT(Error({.voxel_size = "1", .fit = "cube"}), HasSubstr("--fit"));
 }
 
+TEST(BuildRequest, RulesOfPartsAreCountedAndNeedParts) {
+  RequestOptions options;
+  options.part_labels = {"a=1"};
+  EXPECT_EQ(Error(options), "--part-label: goes with --parts file, node, mesh or material");
+  options.parts = "node";
+  options.part_labels.assign(kMaxPartRules, "a=1");
+  EXPECT_EQ(BuildRequest(options)->parts.labels.size(), kMaxPartRules);
+  options.part_labels.push_back("b=2");
+  EXPECT_EQ(Error(options), "--part-label: 1001 given; at most 1000");
+  options.part_labels.clear();
+  options.exclude.assign(kMaxPartRules + 1, "a");
+  EXPECT_EQ(Error(options), "--exclude: 1001 given; at most 1000");
+  options.parts = "nodes";
+  EXPECT_THAT(Error(options), HasSubstr("--parts: unknown choice 'nodes'; did you mean 'node'?"));
+}
+
 TEST(BuildRequest, NamesTheOptionAtFault) {
   EXPECT_THAT(Error({.resolution = 0}), HasSubstr("--resolution"));
   EXPECT_THAT(Error({.voxel_size = "x"}), HasSubstr("--voxel-size: 'x'"));
