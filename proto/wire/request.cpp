@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cstdint>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "shaders/catalog.h"
@@ -46,6 +48,11 @@ constexpr Pair<v1::Fill, Fill> kFills[] = {{v1::FILL_NONE, Fill::kNone},
                                            {v1::FILL_PARITY, Fill::kParity},
                                            {v1::FILL_FLOOD, Fill::kFlood},
                                            {v1::FILL_NONZERO, Fill::kNonzero}};
+constexpr Pair<v1::PartScope, PartScope> kScopes[] = {{v1::PART_SCOPE_WHOLE, PartScope::kWhole},
+                                                      {v1::PART_SCOPE_FILE, PartScope::kFile},
+                                                      {v1::PART_SCOPE_NODE, PartScope::kNode},
+                                                      {v1::PART_SCOPE_MESH, PartScope::kMesh},
+                                                      {v1::PART_SCOPE_MATERIAL, PartScope::kMaterial}};
 constexpr Pair<v1::Encoding, Encoding> kEncodings[] = {{v1::ENCODING_LINEAR, Encoding::kLinear},
                                                        {v1::ENCODING_SRGB, Encoding::kSrgb},
                                                        {v1::ENCODING_SNORM, Encoding::kSnorm}};
@@ -230,11 +237,59 @@ void WriteTarget(const TargetSpec& in, v1::RenderTarget& out) {
   out.set_encoding(WriteEnum(kEncodings, in.encoding));
 }
 
+absl::Status CheckPartRules(PartScope scope, const std::string& field, int count) {
+  if (count == 0) return absl::OkStatus();
+  if (scope == PartScope::kWhole) return Invalid(field, "needs parts.scope: file, node, mesh or material");
+  if (count <= int(kMaxPartRules)) return absl::OkStatus();
+  return Invalid(field, absl::StrCat("at most ", kMaxPartRules, " are possible, ", count, " given"));
+}
+
+absl::Status ReadRules(const google::protobuf::RepeatedPtrField<v1::PartRule>& in, const std::string& field,
+                       int64_t min, int64_t max, std::vector<PartRule>& out) {
+  out.reserve(size_t(in.size()));
+  for (int i = 0; i < in.size(); ++i) {
+    const int64_t number = in[i].number();
+    if (number < min || number > max) {
+      return Invalid(absl::StrCat(field, "[", i, "].number"),
+                     absl::StrCat(number, " is not a whole number from ", min, " to ", max));
+    }
+    out.push_back({in[i].pattern(), number});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status ReadParts(const v1::PartSelection& in, PartSelection& out) {
+  absl::Status s = ReadEnum(kScopes, in.scope(), "parts.scope", out.scope);
+  if (s.ok()) s = CheckPartRules(out.scope, "parts.labels", in.labels_size());
+  if (s.ok()) s = CheckPartRules(out.scope, "parts.priorities", in.priorities_size());
+  if (s.ok()) s = CheckPartRules(out.scope, "parts.exclude", in.exclude_size());
+  if (s.ok()) s = ReadRules(in.labels(), "parts.labels", 1, UINT32_MAX, out.labels);
+  if (s.ok()) s = ReadRules(in.priorities(), "parts.priorities", INT32_MIN, INT32_MAX, out.priorities);
+  if (s.ok()) out.exclude = {in.exclude().begin(), in.exclude().end()};
+  return s;
+}
+
+void WriteRules(const std::vector<PartRule>& in, google::protobuf::RepeatedPtrField<v1::PartRule>& out) {
+  for (const PartRule& rule : in) {
+    v1::PartRule& written = *out.Add();
+    written.set_pattern(rule.pattern);
+    written.set_number(rule.number);
+  }
+}
+
+void WriteParts(const PartSelection& in, v1::PartSelection& out) {
+  out.set_scope(WriteEnum(kScopes, in.scope));
+  WriteRules(in.labels, *out.mutable_labels());
+  WriteRules(in.priorities, *out.mutable_priorities());
+  for (const std::string& pattern : in.exclude) out.add_exclude(pattern);
+}
+
 absl::Status ReadSpec(const v1::VoxelizeSpec& in, ParsedConfig& out) {
   VoxelizeRequest& request = out.request;
   absl::Status s = ReadGrid(in.grid(), request.grid);
   if (s.ok()) s = ReadEnum(kCoverages, in.coverage(), "coverage", request.coverage);
   if (s.ok()) s = ReadEnum(kFills, in.fill(), "fill", request.fill);
+  if (s.ok()) s = ReadParts(in.parts(), request.parts);
   if (s.ok()) s = ReadEnum(kLayouts, in.layout(), "layout", request.layout);
   if (s.ok()) s = ReadEnum(kResults, in.result(), "result", request.result);
   if (s.ok() && in.has_vertex_shader()) s = ReadShader(in.vertex_shader(), "vertex_shader", request.vertex_shader);
@@ -376,6 +431,7 @@ void WriteTo(const VoxelizeRequest& request, v1::VoxelizeSpec& spec) {
   WriteGrid(request.grid, *spec.mutable_grid());
   spec.set_coverage(WriteEnum(kCoverages, request.coverage));
   spec.set_fill(WriteEnum(kFills, request.fill));
+  WriteParts(request.parts, *spec.mutable_parts());
   WriteShader(request.vertex_shader, spec.mutable_vertex_shader());
   for (const TargetSpec& target : request.targets) WriteTarget(target, *spec.add_targets());
   spec.set_layout(WriteEnum(kLayouts, request.layout));

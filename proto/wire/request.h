@@ -46,8 +46,8 @@ absl::StatusOr<MeshFileType> ParseMeshType(v1::MeshFormat format, v1::LengthUnit
 
 // In: a message from a client; the bytes of its mesh are not read. Out: the request with every default filled in.
 // ValidateRequest checks shaders and blends. Errors: INVALID_ARGUMENT "field: why" for enum values that this server
-// does not know, a shader parameter given twice, more than kMaxTargets targets, a negative queue time-out or size of a
-// message, a stored mesh without a name, or what ParsePlaced refuses.
+// does not know, a shader parameter given twice, more than kMaxTargets targets, rules of parts that are too many or out
+// of range, a negative queue time-out or size of a message, a stored mesh without a name, or what ParsePlaced refuses.
 absl::StatusOr<ParsedConfig> ParseRequest(const v1::VoxelizeRequest& request);
 // Its two parts: a request without a mesh, and the mesh.
 absl::StatusOr<ParsedConfig> ParseRequest(const v1::VoxelizeSpec& spec, const v1::Execution& execution);

@@ -28,6 +28,7 @@ void ExpectEqual(const VoxelizeRequest& a, const VoxelizeRequest& b) {
   EXPECT_EQ(a.grid.padding, b.grid.padding);
   EXPECT_EQ(a.coverage, b.coverage);
   EXPECT_EQ(a.fill, b.fill);
+  EXPECT_EQ(a.parts, b.parts);
   EXPECT_EQ(a.vertex_shader, b.vertex_shader);
   EXPECT_EQ(a.layout, b.layout);
   EXPECT_EQ(a.backend, b.backend);
@@ -179,10 +180,40 @@ TEST(RequestTest, EverythingOfARequestSurvives) {
   second.fill_values = {0, 0.5, 7};
   second.scale = 0;  // 0 and absent differ
   request.targets = {first, second};
+  request.parts.scope = PartScope::kMesh;
+  request.parts.labels = {{"a*", 1}, {"", UINT32_MAX}, {"a*", 2}};
+  request.parts.priorities = {{"b", INT32_MIN}, {"c", INT32_MAX}};
+  request.parts.exclude = {"", "d=?"};
   const auto parsed = RoundTrip(request, MeshFormat::kDraco);
   ASSERT_TRUE(parsed.ok()) << parsed.status();
   ExpectEqual(parsed->request, request);
   EXPECT_EQ(parsed->mesh_type.format, MeshFormat::kDraco);
+}
+
+TEST(RequestTest, WhatIsWrongWithPartsIsNamed) {
+  const auto error = [](const v1::PartSelection& parts) {
+    v1::VoxelizeRequest message;
+    *message.mutable_spec()->mutable_parts() = parts;
+    const absl::Status status = ParseRequest(message).status();
+    EXPECT_EQ(status.code(), absl::StatusCode::kInvalidArgument);
+    return std::string(status.message());
+  };
+  v1::PartSelection parts;
+  parts.add_exclude("a");
+  EXPECT_EQ(error(parts), "parts.exclude: needs parts.scope: file, node, mesh or material");
+  parts.set_scope(v1::PartScope(99));
+  EXPECT_EQ(error(parts), "parts.scope: this server does not know the value 99");
+  parts.set_scope(v1::PART_SCOPE_NODE);
+  parts.add_labels()->set_number(1);
+  parts.add_labels();
+  EXPECT_EQ(error(parts), "parts.labels[1].number: 0 is not a whole number from 1 to 4294967295");
+  parts.clear_labels();
+  parts.add_priorities()->set_number(int64_t{INT32_MIN} - 1);
+  EXPECT_EQ(error(parts),
+            "parts.priorities[0].number: -2147483649 is not a whole number from -2147483648 to 2147483647");
+  parts.clear_priorities();
+  for (int i = 0; i < 1000; ++i) parts.add_exclude("b");
+  EXPECT_EQ(error(parts), "parts.exclude: at most 1000 are possible, 1001 given");
 }
 
 TEST(RequestTest, EveryEnumeratorSurvives) {
@@ -207,6 +238,11 @@ TEST(RequestTest, EveryEnumeratorSurvives) {
   for (const Fill fill : {Fill::kNone, Fill::kParity, Fill::kFlood, Fill::kNonzero}) {
     request.fill = fill;
     EXPECT_EQ(RoundTrip(request)->request.fill, fill);
+  }
+  for (const PartScope scope :
+       {PartScope::kWhole, PartScope::kFile, PartScope::kNode, PartScope::kMesh, PartScope::kMaterial}) {
+    request.parts.scope = scope;
+    EXPECT_EQ(RoundTrip(request)->request.parts.scope, scope);
   }
   for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
     request.result = kind;
