@@ -157,7 +157,8 @@ JobCost EstimateCall::Cost(const ParsedConfig& config) const {
         FindCostlyParts({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()}, facts.format).compressed;
   }
   JobCost cost = PredictEstimateCost(config.request, facts);
-  if (config.placed) cost.load_ms += PredictPlaceMs(kept_.size(), *facts.triangles);
+  const bool made = config.placed || (!kept_.empty() && !config.request.parts.exclude.empty());
+  if (made) cost.load_ms += PredictPlaceMs(kept_.size(), *facts.triangles);
   return cost;
 }
 
@@ -190,7 +191,7 @@ absl::Status EstimateCall::FromMesh(const ParsedConfig& config) {
   *response_.mutable_plan() = ToMessage(estimate->plan);
   *response_.mutable_report() = ToMessage(estimate->report, (*mesh)->examined);
   if (kept_.empty()) CheckImages(*(*mesh)->mesh);  // not shared with other calls
-  const bool one = config.placed == nullptr && !kept_.empty();
+  const bool one = config.placed == nullptr && !kept_.empty() && config.request.parts.exclude.empty();
   WriteWarnings(one ? kept_.front()->Report().warnings : AllWarningsOf(*(*mesh)->mesh), response_);
   if (kept_.empty()) *response_.mutable_contents() = ToMessage((*mesh)->contents, (*mesh)->stages);
   return absl::OkStatus();

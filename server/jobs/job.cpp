@@ -9,6 +9,7 @@
 #include "isolate/loading.h"
 #include "load/load_mesh.h"
 #include "mesh/mesh_bytes.h"
+#include "mesh/parts/part_list.h"
 #include "pipeline/estimate.h"
 
 namespace voxelpipe {
@@ -87,16 +88,27 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
     if (!loaded.ok()) return loaded.status();
     auto prepared = std::make_shared<PreparedMesh>();
     prepared->examined = config.request.fill != Fill::kNone;
-    const absl::StatusOr<MeshReport> report =
-        prepared->examined ? ReportMesh(job, loaded->mesh) : BoxReport(job, loaded->mesh);
-    if (!report.ok()) return report.status();
-    prepared->report = *report;
     prepared->mesh = std::make_shared<const TriangleMesh>(std::move(loaded->mesh));
     prepared->contents = std::move(loaded->contents);
     prepared->stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
     prepared->peak_bytes = loaded->peak_bytes;
+    if (absl::Status s = LeaveOutParts(config, job, *prepared); !s.ok()) return s;
+    const absl::StatusOr<MeshReport> report =
+        prepared->examined ? ReportMesh(job, *prepared->mesh) : BoxReport(job, *prepared->mesh);
+    if (!report.ok()) return report.status();
+    prepared->report = *report;
     return prepared;
   });
+}
+
+absl::Status LeaveOutParts(const ParsedConfig& config, const JobContext& job, PreparedMesh& prepared) {
+  if (config.request.parts.exclude.empty()) return absl::OkStatus();
+  absl::StatusOr<TriangleMesh> kept = ExcludeParts(job, *prepared.mesh, config.request.parts);
+  if (!kept.ok()) return kept.status();
+  prepared.peak_bytes += kept->memory->bytes();  // both are there for a moment
+  prepared.mesh = std::make_shared<const TriangleMesh>(*std::move(kept));
+  prepared.memory = MemoryCharge();  // the mesh that it was for is freed
+  return absl::OkStatus();
 }
 
 absl::StatusOr<JobOutcome> RunPrepared(const Backend& backend, const PreparedMesh& mesh, const ParsedConfig& config,

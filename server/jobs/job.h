@@ -56,10 +56,15 @@ struct JobOutcome {
   uint32_t attempts = 1;
 };
 
-// In: a mesh file and a config. Out: its mesh. The file is freed after loading, the scene after flattening. Errors:
-// those of LoadScene, Flatten and PrepareTextures; RESOURCE_EXHAUSTED out of memory. Never throws.
+// In: a mesh file and a config. Out: its mesh, without the parts that the request excludes. The file is freed after
+// loading, the scene after flattening. Errors: those of LoadScene, Flatten, PrepareTextures and ExcludeParts;
+// RESOURCE_EXHAUSTED out of memory. Never throws.
 absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint8_t> file, const ParsedConfig& config,
                                                                 const JobLimits& limits, const JobContext& job);
+
+// Leaves out the parts that the request excludes. The mesh is then this job's own, charged to it. Without such parts
+// nothing changes. To be called before the mesh is reported. Errors: those of ExcludeParts.
+absl::Status LeaveOutParts(const ParsedConfig& config, const JobContext& job, PreparedMesh& prepared);
 
 // In: a prepared mesh and a config. Out: its voxels, made on `backend`. A dense result of more than one slab of
 // limits.plan.slab_bytes is streamed to `large` slab by slab; all others, and all if `large` is null, are in the

@@ -88,6 +88,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PreparePlaced(MeshStore& sto
   prepared->peak_bytes = placed->memory->bytes() + charge.bytes();
   prepared->mesh = std::make_shared<const TriangleMesh>(*std::move(placed));
   prepared->examined = config.request.fill != Fill::kNone;
+  if (absl::Status s = LeaveOutParts(config, job, *prepared); !s.ok()) return s;
   const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - begin;
   prepared->stages.emplace_back("load", time.count());
   job.Report("load", 1);
@@ -110,6 +111,11 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   auto prepared = std::make_shared<PreparedMesh>();
   prepared->mesh = *std::move(mesh);
   prepared->examined = config.request.fill != Fill::kNone;
+  if (!config.new_positions && !config.request.parts.exclude.empty()) {
+    if (absl::Status s = LeaveOutParts(config, job, *prepared); !s.ok()) return s;
+    if (absl::Status s = Report(job, *prepared); !s.ok()) return s;
+    return prepared;
+  }
   if (!config.new_positions) {
     prepared->report = kept.Report().report;
     if (!prepared->examined) return prepared;
@@ -128,6 +134,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   if (!mesh.ok()) return mesh.status();
   prepared->mesh = *std::move(mesh);
   prepared->peak_bytes = MeshBytes(*prepared->mesh) + positions.size();
+  if (absl::Status s = LeaveOutParts(config, job, *prepared); !s.ok()) return s;
   const std::chrono::duration<double, std::milli> load_time = std::chrono::steady_clock::now() - begin;
   prepared->stages.emplace_back("load", load_time.count());
   job.Report("load", 1);

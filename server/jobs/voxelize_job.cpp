@@ -31,7 +31,7 @@ bool VoxelizeJob::has_textures() const {
 bool VoxelizeJob::loaded() const {
   if (ready) return false;
   if (mesh) return true;
-  if (file_bytes() > kLoadedByWorker || (config.placed && traits.cost.load_ms > kPlacedByWorkerMs)) return false;
+  if (file_bytes() > kLoadedByWorker || (makes_of_kept() && traits.cost.load_ms > kMadeByWorkerMs)) return false;
   if (!kept.empty()) return has_textures();
   return !costly_.compressed && !costly_.instanced && !(costly_.images && RequestReadsTextures(config.request));
 }
@@ -69,7 +69,7 @@ void VoxelizeJob::Weigh() {
     facts.triangles = mesh->mesh->triangles.size();
     facts.box = Box3d{mesh->report.min, mesh->report.max, mesh->report.triangles == 0};
     if (kept.empty()) facts.memory_bytes = MeshBytes(*mesh->mesh);  // the store accounts for a stored mesh
-    if (config.placed) facts.memory_bytes = mesh->peak_bytes;       // and for the images of placed ones
+    if (makes_of_kept()) facts.memory_bytes = mesh->peak_bytes;     // and for the images of placed ones
   } else {
     facts.file_bytes = file_bytes();
     if (kept.empty() && !pieces.empty()) {
@@ -82,7 +82,7 @@ void VoxelizeJob::Weigh() {
   }
   traits.cost = PredictCost(config.request, facts);
   if (!kept.empty()) traits.cost.load_ms = 0;
-  if (config.placed && !mesh) traits.cost.load_ms = PredictPlaceMs(kept.size(), *facts.triangles);
+  if (makes_of_kept() && !mesh) traits.cost.load_ms = PredictPlaceMs(kept.size(), *facts.triangles);
   if (exported) traits.cost.run_ms += PredictExportMs(traits.cost);
   // Beyond the limits it is refused as soon as its grid is known. Until then it counts as a giant, but not as more work
   // than all others together, so that it gets the error of the limit and not that of a long queue.

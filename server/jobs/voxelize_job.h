@@ -32,7 +32,7 @@ class VoxelizeJob : public Task {
   // Makes `mesh` from `kept` and `pieces`, unless already done.
   absl::Status Prepare();
   // True if Prepare has nothing to do but to take a stored mesh.
-  bool prepared_at_once() const { return mesh || (!kept.empty() && !config.placed && pieces.empty()); }
+  bool prepared_at_once() const { return mesh || (!kept.empty() && !makes_of_kept() && pieces.empty()); }
   // After the run: frees the meshes, and the list of placed ones.
   void FreeMesh();
 
@@ -76,9 +76,11 @@ class VoxelizeJob : public Task {
   // The device worker itself loads smaller files, several at once, because a second hand-over would take longer; except
   // those that may nevertheless take long and delay the other jobs of a batch.
   static constexpr uint64_t kLoadedByWorker = 256 << 10;
-  static constexpr double kPlacedByWorkerMs = 0.5;  // the same of meshes that are placed
+  static constexpr double kMadeByWorkerMs = 0.5;  // the same of meshes that are placed or cut
 
   uint64_t file_bytes() const;
+  // The mesh is made of those of the store: several are placed, or parts are left out.
+  bool makes_of_kept() const { return config.placed || (!kept.empty() && !config.request.parts.exclude.empty()); }
   // Decoding textures of a stored mesh takes as long as loading it did.
   bool has_textures() const;
 
