@@ -11,6 +11,7 @@
 #include "load/decode/image.h"
 #include "mesh/content_id.h"
 #include "mesh/mesh_bytes.h"
+#include "mesh/parts/part_list.h"
 #include "mesh/placed_mesh.h"
 #include "pipeline/warnings.h"
 #include "shaders/catalog.h"
@@ -111,6 +112,7 @@ absl::StatusOr<std::unique_ptr<UsedMesh>> UsedMesh::Open(const MeshSource& sourc
     used->stages_ = {{"load", used->loaded_->load_ms}, {"flatten", used->loaded_->flatten_ms}};
     used->peak_bytes_ = used->loaded_->peak_bytes;
   }
+  if (absl::Status s = used->LeaveOut(request.parts, job); !s.ok()) return s;
   used->examined_ = request.fill != Fill::kNone;
   const absl::StatusOr<MeshReport> report = used->Report(job);
   if (!report.ok()) return report.status();
@@ -153,6 +155,16 @@ absl::Status UsedMesh::Move(std::span<const uint8_t> positions) {
   }
   mesh_ = &moved;
   peak_bytes_ += MeshBytes(moved) + positions.size();
+  return absl::OkStatus();
+}
+
+absl::Status UsedMesh::LeaveOut(const PartSelection& parts, const JobContext& job) {
+  if (parts.exclude.empty()) return absl::OkStatus();
+  absl::StatusOr<TriangleMesh> kept = ExcludeParts(job, *mesh_, parts);
+  if (!kept.ok()) return kept.status();
+  mesh_ = &made_.emplace(*std::move(kept));
+  loaded_.reset();
+  peak_bytes_ += MeshBytes(*mesh_);
   return absl::OkStatus();
 }
 

@@ -76,7 +76,8 @@ struct MeshSource {
 class UsedMesh {
  public:
   // Errors: those of LoadMeshFor and PrepareTexturesFor, as of a mesh; INVALID_ARGUMENT for positions that do not fit;
-  // of several meshes MissingMeshError if one is not among the source's, and those of PlaceMeshes.
+  // of several meshes MissingMeshError if one is not among the source's, and those of PlaceMeshes; those of
+  // ExcludeParts.
   static absl::StatusOr<std::unique_ptr<UsedMesh>> Open(const MeshSource& source, const ParsedConfig& config,
                                                         const JobContext& job);
 
@@ -92,12 +93,14 @@ class UsedMesh {
   absl::Status Move(std::span<const uint8_t> positions);
   absl::Status Place(const MeshSource& source, std::span<const PlacedStored> placed, const TextureUse& textures,
                      const JobContext& job);
+  // Replaces the mesh by one without the parts that are excluded, if any.
+  absl::Status LeaveOut(const PartSelection& parts, const JobContext& job);
   absl::StatusOr<MeshReport> Report(const JobContext& job) const;
 
   std::vector<std::shared_ptr<HeldMesh>> held_;
   std::vector<std::shared_lock<std::shared_mutex>> locks_;  // of the held meshes
   std::optional<LoadedMesh> loaded_;
-  std::optional<TriangleMesh> made_;    // of held ones: with new positions, or placed
+  std::optional<TriangleMesh> made_;    // of the others: with new positions, placed, or without excluded parts
   const TriangleMesh* mesh_ = nullptr;  // one of those
   MeshReport report_;
   bool examined_ = false;

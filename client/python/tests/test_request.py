@@ -117,6 +117,8 @@ def test_wrong_options_are_named(options: dict[str, Any], field: str) -> None:
         ("resolutoin", 3, "did you mean resolution="),
         ("resolutoin", "bit", "did you mean resolution="),
         ("shaders", "normal", "did you mean shader="),
+        ("part_labels", {"a": 1}, "did you mean part_label="),
+        ("excludes", "a", "did you mean exclude="),
         ("dim", "bit", "did you mean dims="),
         ("target", "u8:max", "use targets="),
         ("clips", "0,0,0,1,1,1", "did you mean clip="),
@@ -137,7 +139,7 @@ def test_a_keyword_that_is_no_option_becomes_no_target(keyword: str, value: Any,
     "name",
     "bits color colour depth heat mask material normal position uv occupancy constant triangle_id barycentric "
     "geometric_normal packed_normal base_color emissive metallic_roughness material_id mesh_id tangent attribute "
-    "velocity coverage_fraction checker".split(),
+    "velocity coverage_fraction checker label part".split(),
 )
 def test_usual_names_of_targets_are_no_mistaken_options(name: str) -> None:
     assert make_request(**{name: "normal:f32"}).targets[-1].name == name  # type: ignore[arg-type]

@@ -47,13 +47,26 @@ def target_json(target: Target, default: Shader, expected: dict[str, Any]) -> di
     return found
 
 
+def parts_json(parts: request_pb2.PartSelection) -> dict[str, Any]:
+    """Parts as the table has them."""
+    return {
+        "scope": request_pb2.PartScope.Name(parts.scope).removeprefix("PART_SCOPE_").lower(),
+        "labels": [[rule.pattern, rule.number] for rule in parts.labels],
+        "priorities": [[rule.pattern, rule.number] for rule in parts.priorities],
+        "exclude": list(parts.exclude),
+    }
+
+
 def request_json(given: dict[str, Any]) -> dict[str, Any]:
-    """What options make of a request: its grid if it is placed, else its vertex shader, as the table has them."""
+    """What options make of a request: its parts if they are named, else its grid if it is placed, else its vertex
+    shader, as the table has them."""
     options: dict[str, Any] = dict(given)
     for name in {"dims", "origin", "voxel_size"} & set(given):
         numbers = [float(number) for number in given[name].split(",")]
         options[name] = numbers if len(numbers) > 1 else numbers[0]
     spec = make_request(**options).spec
+    if "parts" in given:
+        return {"parts": parts_json(spec.parts)}
     if spec.grid.HasField("placement"):
         grid: Any = spec.grid.placement
         names = ("dims", "origin", "voxel_size")

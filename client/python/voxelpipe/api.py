@@ -92,6 +92,11 @@ def voxelize(mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
     coverage: which voxels a triangle covers: "conservative" all that it touches, "thin" a 6-separating shell, "center"
         those whose centre it passes, "none" none (with a fill by crossings: the voxels whose centre is inside).
     fill: the inside: "parity" by crossings along x, "nonzero" by their signs (parts may overlap), "flood".
+    parts: sets of triangles that bound a solid of their own: "whole" (all together), "file" (the meshes of together),
+        "node" (each instance of one), "mesh", "material"; the shader `label` gives a part's label. part_label,
+        part_priority: mappings of patterns to numbers, {"wheel*": 3}, or texts "wheel*=3"; of those that match a part's
+        name the last one holds. In a pattern * is any text and ? one character. exclude: a pattern or a list of them:
+        parts of these names are left out.
 
     targets: up to 8: Target objects or texts, "[SHADER][:FORMAT[xC]][:BLEND][:key=value,...]" as the command line
         takes them (Target.parse); default: bits of occupancy. Or by keyword, which names them in the result:

@@ -34,7 +34,7 @@ _COMMAND_LINE = {
 # Options of single functions of this package.
 _OTHER_CALLS = ("errors", "in_flight", "max_result_bytes", "new_positions", "progress", "retries", "server", "timeout")
 # Usual names of targets that are close to an option.
-_TARGETS = ("label", "motion")
+_TARGETS = ("label", "motion", "part")
 _NEAR = 0.8  # of difflib: 'resolutoin' is as near, 'normal' and every shader's name are not
 
 

@@ -6,6 +6,7 @@ from typing import Literal, Sequence, Union
 Coverage = Literal["conservative", "thin", "center", "none"]
 Fill = Literal["none", "parity", "nonzero", "flood"]
 Fit = Literal["tight", "cube"]
+PartScope = Literal["whole", "file", "node", "mesh", "material"]
 ResultKind = Literal["dense", "sparse", "buckets"]
 Backend = Literal["auto", "cpu", "cuda"]
 Layout = Literal["interleaved", "planar"]

@@ -11,6 +11,7 @@ import numpy.typing
 from . import names as kinds
 from ._calls.address import ServerLike
 from ._calls.progress import Progress
+from ._mesh.parts import RulesLike, selection
 from ._mesh.placed import MotionLike, Together, TransformLike
 from ._proto.voxelpipe.v1 import request_pb2
 from ._proto.voxelpipe.v1 import types_pb2 as types
@@ -271,6 +272,10 @@ def call_options(
     axes: str | Sequence[str] | None = None,
     coverage: kinds.Coverage = "conservative",
     fill: kinds.Fill = "none",
+    parts: kinds.PartScope = "whole",
+    part_label: RulesLike = None,
+    part_priority: RulesLike = None,
+    exclude: str | Sequence[str] | None = None,
     targets: Sequence[TargetLike] | TargetLike | None = None,
     shader: ShaderLike | None = None,
     vertex_shader: ShaderLike | None = None,
@@ -319,6 +324,7 @@ def call_options(
         grid=_grid(resolution, voxel_size, dims, origin, like, fit, padding, clip),
         coverage=_choice(request_pb2.Coverage, "COVERAGE", coverage, kinds.Coverage, "coverage"),
         fill=_choice(request_pb2.Fill, "FILL", fill, kinds.Fill, "fill"),
+        parts=selection(parts, part_label, part_priority, exclude),
         vertex_shader=None if vertex is None else vertex.to_message(),
         targets=[target.to_message(default_shader) for target in listed],
         layout=_choice(request_pb2.Layout, "LAYOUT", layout, kinds.Layout, "layout"),

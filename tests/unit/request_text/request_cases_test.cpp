@@ -6,6 +6,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "request_text/request_options.h"
 #include "request_text/shader_text.h"
@@ -58,7 +60,31 @@ json Vec3Json(const Vec3d& v) {
   return {v.x, v.y, v.z};
 }
 
-// What the options axes and clip make of a request: its vertex shader, and the grid if it is given.
+json RulesJson(const std::vector<PartRule>& rules) {
+  json list = json::array();
+  for (const PartRule& rule : rules) list.push_back({rule.pattern, rule.number});
+  return list;
+}
+
+json PartsJson(const PartSelection& parts) {
+  return {{"scope", Name(parts.scope)},
+          {"labels", RulesJson(parts.labels)},
+          {"priorities", RulesJson(parts.priorities)},
+          {"exclude", parts.exclude}};
+}
+
+// One text or a list of them.
+void TakeTexts(const json& given, const char* name, std::vector<std::string>& texts) {
+  if (!given.contains(name)) return;
+  if (given[name].is_string()) {
+    texts = {given[name].get<std::string>()};
+  } else {
+    texts = given[name].get<std::vector<std::string>>();
+  }
+}
+
+// What the options of parts, axes and clip make of a request: its parts if they are named; else the grid if it is
+// given, else its vertex shader.
 absl::StatusOr<json> RequestJson(const json& given) {
   RequestOptions options;
   const auto take = [&]<typename T>(const char* name, std::optional<T>& value) {
@@ -73,8 +99,13 @@ absl::StatusOr<json> RequestJson(const json& given) {
   take("clip", options.clip);
   take("vertex_shader", options.vertex_shader);
   options.padding = given.value("padding", 0);
+  options.parts = given.value("parts", "whole");
+  TakeTexts(given, "part_label", options.part_labels);
+  TakeTexts(given, "part_priority", options.part_priorities);
+  TakeTexts(given, "exclude", options.exclude);
   const absl::StatusOr<VoxelizeRequest> request = BuildRequest(options, OptionNames::kKeys);
   if (!request.ok()) return request.status();
+  if (given.contains("parts")) return json{{"parts", PartsJson(request->parts)}};
   if (!request->grid.given()) return json{{"vertex_shader", ShaderJson(request->vertex_shader)}};
   return json{{"grid",
                {{"dims", *request->grid.dims},

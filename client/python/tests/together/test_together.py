@@ -15,8 +15,8 @@ from voxelpipe._calls import core_module, server_calls
 from voxelpipe._mesh.placed import PlacedMeshes, Together, placed_meshes
 from voxelpipe._proto.voxelpipe.v1 import request_pb2
 
-from . import shapes
-from .test_formats import RED_PNG
+from .. import shapes
+from ..test_formats import RED_PNG
 
 REQUESTS: list[dict[str, Any]] = [
     {"voxel_size": 0.07},
@@ -394,7 +394,7 @@ def test_a_server_gives_the_bytes_of_this_process(server: LocalServer, ball: sha
 
 
 def test_the_guides_frames(server: LocalServer, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path) -> None:
-    readme = pathlib.Path(__file__).resolve().parents[1] / "README.md"
+    readme = pathlib.Path(__file__).resolve().parents[2] / "README.md"
     section = readme.read_text(encoding="utf-8").partition("## Several meshes on one grid")[2]
     block = section.partition("```python\n")[2].partition("```")[0]
     (tmp_path / "bunny.glb").write_bytes(bytes(voxelpipe.load_mesh(shapes.ball()).data))
