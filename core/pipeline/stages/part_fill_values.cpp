@@ -85,7 +85,7 @@ std::vector<FillValue> PartFillValues(const BoundRequest& request, size_t index,
     return values;
   }
   const FillValue clear = FillValueOf(request, index, grid);
-  for (uint32_t first = 0; first < mesh.part_count;) {
+  for (uint32_t first = 0; first < mesh.part_count && mesh.triangle_count > 0;) {
     uint32_t last = first;
     while (last < mesh.part_count && mesh.parts[last].rank == mesh.parts[first].rank) ++last;
     values.push_back(clear);
