@@ -168,6 +168,17 @@ TEST(PartsOracleTest, PlacedMeshesThatMove) {
   }
 }
 
+// What a mask discards is no fragment of the target.
+TEST(PartsOracleTest, MaskedParts) {
+  for (uint32_t seed = 400; seed <= 421; ++seed) {
+    if (TargetSet(seed).size() == 1 || seed % kTargetSets == kSetOfVelocities) continue;  // these read no material
+    AssemblyKind kind = KindOf(seed);
+    kind.placed = seed % 2 == 0;
+    kind.masks = true;
+    ExpectAllByParts(kind);
+  }
+}
+
 // Odd columns of one part change nothing of other parts.
 TEST(PartsOracleTest, OpenParts) {
   for (uint32_t seed = 301; seed <= 310; ++seed) {

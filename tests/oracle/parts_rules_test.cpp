@@ -40,6 +40,101 @@ TargetSpec LabelTarget(Blend blend) {
   return TargetOf(VoxelFormat::kU32, 1, blend, {"label", {}});
 }
 
+// Parts by ascending rank: blue, green, and one whose mask discards it.
+TriangleMesh WithAMask(const Body& blue, const Body& green, const Body& masked) {
+  std::vector<Material> materials(3);
+  materials[0].base_color_factor = {0, 0, 1, 1};
+  materials[1].base_color_factor = {0, 1, 0, 1};
+  materials[2].base_color_factor = {1, 0, 0, 0};
+  materials[2].alpha_mode = AlphaMode::kMask;
+  return WriteMesh({Node(blue, 0, 0), Node(green, 1, 1), Node(masked, 2, 2)}, materials);
+}
+
+// Of voxel (1,1,1): beside the centre, with a fragment; around the whole voxel, without one; away from it; both around
+// the centre and with a fragment.
+Body Beside(double low) {
+  return Box({low, 1.2, 1.2}, {low + 1, 1.8, 1.8});
+}
+Body Around() {
+  return Box({-5, -5, -5}, {8, 8, 8});
+}
+Body Away() {
+  return Box({30, 30, 30}, {31, 31, 31});
+}
+Body Through() {
+  return Box({1.2, 1.2, 1.2}, {4, 4, 4});
+}
+
+constexpr uint64_t kMiddle = 1 + 3 * (1 + 3 * 1);
+using Color = std::vector<int>;
+
+Color ColorAt(const VoxelizeResult& result, uint64_t voxel) {
+  const uint8_t* const v = result.targets[0].data() + 4 * voxel;
+  return {v[0], v[1], v[2], v[3]};
+}
+
+// Base colours, and beside them labels, which no mask discards.
+VoxelizeResult Colors(const TriangleMesh& mesh, bool labels) {
+  auto request =
+      NodesOf(UnitGrid(3, 3, 3), Fill::kParity, {TargetOf(VoxelFormat::kU8, 4, Blend::kReplace, {"base_color", {}})});
+  request.targets[0].clear = 7;
+  if (labels) request.targets.push_back(LabelTarget(Blend::kReplace));
+  return RunPipeline(mesh, request);
+}
+
+const Color kBlue = {0, 0, 255, 255}, kGreen = {0, 255, 0, 255}, kClear = {7, 7, 7, 7};
+
+// A fragment that every target discards does not happen: it takes nothing from the part that contains the centre.
+TEST(PartsRulesTest, ADiscardedFragmentOwnsNothing) {
+  EXPECT_EQ(ColorAt(Colors(WithAMask(Beside(1.8), Around(), Beside(0.2)), false), kMiddle), kGreen);
+  EXPECT_EQ(ColorAt(Colors(WithAMask(Away(), Around(), Beside(0.2)), false), kMiddle), kGreen);
+  EXPECT_EQ(ColorAt(Colors(WithAMask(Beside(1.8), Away(), Beside(0.2)), false), kMiddle), kBlue);
+}
+
+// Where another target keeps it, its part owns the voxel there; here that is left open, but a part below one that
+// contains the centre does not show.
+TEST(PartsRulesTest, ADiscardedFragmentShowsNoneOfALowerPart) {
+  const VoxelizeResult result = Colors(WithAMask(Beside(1.8), Around(), Beside(0.2)), true);
+  EXPECT_EQ(ValueAt<uint32_t>(result.targets[1], kMiddle), 3u);
+  EXPECT_NE(ColorAt(result, kMiddle), kBlue);
+}
+
+// A masked part that contains the centre hides those below it, whether it has fragments there or not.
+TEST(PartsRulesTest, AMaskedPartHidesThoseBelow) {
+  for (const bool labels : {false, true}) {
+    EXPECT_EQ(ColorAt(Colors(WithAMask(Beside(1.8), Away(), Around()), labels), kMiddle), kClear);
+    EXPECT_EQ(ColorAt(Colors(WithAMask(Away(), Around(), Around()), labels), kMiddle), kClear);
+    EXPECT_EQ(ColorAt(Colors(WithAMask(Beside(1.8), Away(), Through()), labels), kMiddle), kClear);
+  }
+}
+
+// The inside of what a mask discards holds `clear`.
+TEST(PartsRulesTest, AMaskedPartIsClearInside) {
+  std::vector<Material> materials(1);
+  materials[0].base_color_factor = {1, 1, 1, 0.25f};
+  materials[0].alpha_mode = AlphaMode::kMask;
+  auto request =
+      NodesOf(UnitGrid(5, 5, 5), Fill::kNonzero, {TargetOf(VoxelFormat::kU8, 4, Blend::kReplace, {"base_color", {}})});
+  request.targets[0].clear = 7;
+  const VoxelizeResult result = RunPipeline(WriteMesh({Node(Box({1, 1, 1}, {4, 4, 4}), 0, 0)}, materials), request);
+  EXPECT_EQ(result.stats.occupied, 27u);
+  for (uint64_t n = 0; n < 125; ++n) EXPECT_EQ(ColorAt(result, n), kClear);
+}
+
+TEST(PartsRulesTest, AMeshWithoutTrianglesIsClear) {
+  const TriangleMesh mesh = WriteMesh({Node({.positions = {{1, 1, 1}}, .triangles = {}}, 0)}, {});
+  for (const PartScope scope : {PartScope::kFile, PartScope::kNode, PartScope::kMesh, PartScope::kMaterial}) {
+    for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse}) {
+      auto request = NodesOf(UnitGrid(5, 5, 5), Fill::kParity, {LabelTarget(Blend::kReplace), TargetSpec{}});
+      request.parts.scope = scope;
+      request.result = kind;
+      const VoxelizeResult result = RunPipeline(mesh, request);
+      EXPECT_EQ(result.stats.occupied, 0u);
+      for (uint64_t n = 0; n < result.targets[0].size(); ++n) EXPECT_EQ(result.targets[0].data()[n], 0);
+    }
+  }
+}
+
 TEST(PartsRulesTest, WithoutAFillTheyChangeOnlyLabels) {
   AssemblyKind kind;
   kind.seed = 3;
