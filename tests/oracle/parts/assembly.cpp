@@ -44,6 +44,7 @@ class Maker {
     material.metallic_factor = some();
     material.roughness_factor = some();
     if (kind_.masks && Chance(0.5)) material.alpha_mode = AlphaMode::kMask;
+    material.alpha_cutoff = 0.45f;  // between the factors: with vertex colours alpha is rounded
     return material;
   }
 

@@ -90,6 +90,11 @@ bool ReadsMaterial(const std::string& shader) {
   return shader == "base_color" || shader == "emissive" || shader == "metallic_roughness";
 }
 
+bool HasMask(const Assembly& assembly) {
+  return std::any_of(assembly.materials.begin(), assembly.materials.end(),
+                     [](const Material& material) { return material.alpha_mode == AlphaMode::kMask; });
+}
+
 bool IsDiscarded(const Assembly& assembly, const TaggedBody& body, const std::string& shader) {
   if (body.material < 0 || !ReadsMaterial(shader)) return false;
   const Material& material = assembly.materials[size_t(body.material)];
@@ -200,6 +205,7 @@ class Comparison {
              const GridSpec& grid)
       : assembly_(assembly), fragments_(fragments), request_(request), grid_(grid) {
     cut_ = CutParts(assembly, request.parts);
+    masked_ = HasMask(assembly);
     for (const FileOf& file : assembly.files) moves_ = moves_ || file.motion.has_value();
     for (const ReferencePart& part : cut_.parts) inside_.push_back(solids.Of(part.bodies, request.fill));
     for (size_t b = 0; b < assembly.bodies.size(); ++b) {
@@ -235,29 +241,38 @@ class Comparison {
       if (!e.inside_owner || cut_.parts[part].rank > cut_.parts[*e.inside_owner].rank) e.inside_owner = part;
     }
     for (size_t part = 0; part < inside_.size(); ++part) {
-      if (inside_[part][n] == Inside::kUnsure && (!e.owner || cut_.parts[part].rank > cut_.parts[*e.owner].rank)) {
-        e.decided = false;
-      }
+      if (inside_[part][n] != Inside::kUnsure) continue;
+      // Where a mask discards fragments of the owner, parts below it may matter, too.
+      if (masked_ || !e.owner || cut_.parts[part].rank > cut_.parts[*e.owner].rank) e.decided = false;
     }
     return e;
   }
 
-  // What the voxel may hold. The definition leaves open whether a part whose fragments a mask discards in this target,
-  // but not in another one, owns the voxel here, too: then there are two values.
+  // What the voxel may hold. The definition leaves open whether fragments that a mask discards in this target, but not
+  // in another one, count for this one: then there are two values.
   std::vector<uint32_t> ValuesOf(const Expected& e, uint64_t n, size_t target, int c) const {
-    const TargetSpec& spec = request_.targets[target];
-    if (!e.owner) return {ReferenceNumber(spec.clear, spec.format)};
+    const uint32_t clear = ReferenceNumber(request_.targets[target].clear, request_.targets[target].format);
+    if (!e.owner) return {clear};
     std::vector<size_t> kept;
-    std::optional<size_t> owner = e.inside_owner;
+    std::optional<size_t> owner = e.inside_owner;  // by what is kept
+    bool owners_are_kept = true;
     for (size_t i = 0; i < fragments_.Of(n).size(); ++i) {
       const uint32_t triangle = fragments_.Of(n)[i];
-      if (discarded_[target][body_of_[triangle]]) continue;
+      if (discarded_[target][body_of_[triangle]]) {
+        owners_are_kept = owners_are_kept && part_of_[triangle] != *e.owner;
+        continue;
+      }
       kept.push_back(i);
       if (!owner || cut_.parts[part_of_[triangle]].rank > cut_.parts[*owner].rank) owner = part_of_[triangle];
     }
-    std::vector<uint32_t> values = {ValueOf(*e.owner, kept, n, target, c)};
-    if (kept.size() == fragments_.Of(n).size() || spec.blend != Blend::kReplace) return values;
-    values.push_back(owner ? ValueOf(*owner, kept, n, target, c) : ReferenceNumber(spec.clear, spec.format));
+    const bool all = kept.size() == fragments_.Of(n).size();
+    const bool counts = request_.targets[target].blend == Blend::kReplace ? owners_are_kept : all;
+    const auto blended = BlendedOf(*e.owner, kept, n, target, c);
+    std::vector<uint32_t> values = {blended ? *blended : counts ? FillOf(*e.owner, n, target, c) : clear};
+    if (all) return values;
+    if (!owner) return {values[0], clear};
+    const auto of_kept = BlendedOf(*owner, kept, n, target, c);
+    values.push_back(of_kept ? *of_kept : FillOf(*owner, n, target, c));
     return values;
   }
 
@@ -273,8 +288,9 @@ class Comparison {
   }
 
  private:
-  // In: the fragments of the voxel that the target's shader does not discard.
-  uint32_t ValueOf(size_t owner, const std::vector<size_t>& kept, uint64_t n, size_t target, int c) const {
+  // In: the fragments of the voxel that the target's shader does not discard. Nothing if none of them counts.
+  std::optional<uint32_t> BlendedOf(size_t owner, const std::vector<size_t>& kept, uint64_t n, size_t target,
+                                    int c) const {
     const TargetSpec& spec = request_.targets[target];
     std::vector<uint32_t> values;
     for (const size_t i : kept) {
@@ -283,13 +299,8 @@ class Comparison {
       values.push_back(spec.shader.name == "label" ? ReferenceNumber(c == 0 ? cut_.parts[part].label : 0, spec.format)
                                                    : fragments_.Value(n, i, target, c));
     }
-    if (!values.empty()) return Blended(spec, values);
-    bool discarded = false;
-    for (size_t i = 0; i < fragments_.Of(n).size(); ++i) {
-      const bool others = spec.blend == Blend::kReplace && part_of_[fragments_.Of(n)[i]] != owner;
-      discarded = discarded || (!others && std::find(kept.begin(), kept.end(), i) == kept.end());
-    }
-    return discarded ? ReferenceNumber(spec.clear, spec.format) : FillOf(owner, n, target, c);
+    if (values.empty()) return std::nullopt;
+    return Blended(spec, values);
   }
 
   uint32_t FillOf(size_t owner, uint64_t n, size_t target, int c) const {
@@ -314,7 +325,7 @@ class Comparison {
   const VoxelizeRequest& request_;
   const GridSpec& grid_;
   ReferenceParts cut_;
-  bool moves_ = false;
+  bool moves_ = false, masked_ = false;
   std::vector<TargetSpec> replacing_;
   std::vector<std::vector<bool>> discarded_;                       // [target][body]
   std::vector<size_t> part_of_, body_of_;                          // of triangles
@@ -432,9 +443,7 @@ double ExpectByParts(const Assembly& assembly, const Solids& solids, const Fragm
   EXPECT_LE(result.stats.occupied, occupied + grid.voxels() - decided) << what;
   uint64_t pairs = 0;
   for (uint64_t n = 0; n < grid.voxels(); ++n) pairs += fragments.Of(n).size();
-  const bool masked = std::any_of(assembly.materials.begin(), assembly.materials.end(),
-                                  [](const Material& m) { return m.alpha_mode == AlphaMode::kMask; });
-  if (!masked && result.stats.fragments) {
+  if (!HasMask(assembly) && result.stats.fragments) {
     EXPECT_EQ(*result.stats.fragments, pairs) << what;
   }
   const bool closed = std::all_of(assembly.bodies.begin(), assembly.bodies.end(),
