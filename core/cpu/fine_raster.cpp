@@ -38,11 +38,10 @@ struct Worker {
   std::vector<TileBuffer> buffers;
   TileSpans spans;
   std::array<uint32_t, kTileRows> coverage{};
-  std::array<uint16_t, kTileVoxels> ranks{};  // of_owner: of each voxel the highest rank of a fragment, plus 1
-  bool of_owner = false;                      // a target holds the owner's fragment alone
-  bool shades = false;                        // some target needs shading
-  ShaderTraits traits;                        // the union of the traits of those targets' shaders
-  bool any_always_present = false;            // a target discards no fragment, so every touched voxel is covered
+  bool of_owner = false;            // a target holds the owner's fragment alone
+  bool shades = false;              // some target needs shading
+  ShaderTraits traits;              // the union of the traits of those targets' shaders
+  bool any_always_present = false;  // a target discards no fragment, so every touched voxel is covered
   uint64_t fragments = 0;
 };
 
@@ -68,7 +67,7 @@ class TriangleShader {
     TileBuffer& buffer = worker_.buffers[t];
     const BlendValue value = buffer.Convert(out);
     for (const TileSpan span : spans) {
-      buffer.Blend(span, value, in_.triangle);
+      buffer.Blend(span, value, in_.triangle, in_.part->rank);
       worker_.coverage[size_t(span.row())] |= span.mask();
     }
   }
@@ -98,7 +97,7 @@ class TriangleShader {
     ShadeFragment(target.shader, in_, target.params, out);
     if (out.discard) return;
     TileBuffer& buffer = worker_.buffers[t];
-    buffer.Blend(TileSpan::At(row, x, x), buffer.Convert(out), in_.triangle);
+    buffer.Blend(TileSpan::At(row, x, x), buffer.Convert(out), in_.triangle, in_.part->rank);
     worker_.coverage[size_t(row)] |= 1u << x;
   }
 
@@ -114,12 +113,6 @@ void BlendTriangle(const RunState& state, Worker& worker, uint32_t triangle, std
   if (worker.any_always_present) {
     for (const TileSpan span : spans) worker.coverage[size_t(span.row())] |= span.mask();
   }
-  if (worker.of_owner) {  // triangles come by ascending rank
-    const auto rank = uint16_t(state.view.parts[PartOf(state.view, triangle)].rank);
-    for (const TileSpan span : spans) {
-      std::fill_n(worker.ranks.begin() + span.row() * 32 + span.first(), span.last() - span.first() + 1, rank);
-    }
-  }
   if (!worker.shades) return;
   TriangleShader shader(state, worker, triangle);
   uint32_t varying = 0;
@@ -134,19 +127,16 @@ void BlendTriangle(const RunState& state, Worker& worker, uint32_t triangle, std
   if (varying != 0) shader.BlendVarying(varying, spans, origin);
 }
 
-// Takes out the fragments of targets that hold the owner's alone where the owner has none.
+// Takes out the fragments of targets that hold the owner's alone where a part that owns the voxel has none. What a target
+// discards is no fragment of it.
 void DropOthers(const RunState& state, Worker& worker, const VoxelRange& range) {
   for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
     for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
       const auto row = int((y - range.begin[1]) + 8 * (z - range.begin[2]));
       const uint16_t* const inside = state.inside_ranks.data() + state.SlabRow(y, z) * state.dims[0] + range.begin[0];
-      uint32_t drop = 0;
-      for (int64_t x = 0; x < range.end[0] - range.begin[0]; ++x) {
-        drop |= uint32_t(inside[x] > worker.ranks[size_t(row * 32 + x)]) << x;
-      }
-      if (drop == 0) continue;
       for (size_t t = 0; t < state.targets.size(); ++t) {
-        if (state.targets[t].of_owner) worker.buffers[t].Drop(row, drop);
+        if (state.targets[t].of_owner)
+          worker.buffers[t].DropBelow(row, {inside, size_t(range.end[0] - range.begin[0])});
       }
     }
   }
@@ -159,7 +149,6 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run, const Voxel
   const RowMesh mesh = IndexSpaceMesh(state.index_positions, state.view.triangles);
   worker.coverage.fill(0);
   for (TileBuffer& buffer : worker.buffers) buffer.Begin();
-  if (worker.of_owner) worker.ranks.fill(0);
   for (uint64_t first = run.begin; first < run.end; first += TileSpans::kTriangles) {
     // A tile may hold every triangle of the mesh. FineRaster discards an incomplete tile.
     if ((first - run.begin) % kTrianglesBetweenChecks == 0 && !state.job.Check().ok()) break;

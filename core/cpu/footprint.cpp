@@ -140,7 +140,7 @@ double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const Mesh
   if (plain_bits || request.fill == Fill::kFlood) {
     bytes += 4 * (double(mesh.triangles) + surface.layers / kMaxSlabLayers) + threads * kBinChunkBytes;
   }
-  const double crossing_bytes = FillsParts(request) ? 16 * kBlocks : 4;
+  const double crossing_bytes = FillsParts(request) ? 32 * kBlocks : 4;
   if (CastsLines(request.fill)) bytes += crossing_bytes * surface.crossings + 2 * threads * kBinChunkBytes;
   if (request.fill == Fill::kNonzero && !FillsParts(request)) {
     // The signed counters of a block of rows for each thread.

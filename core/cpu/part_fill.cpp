@@ -84,7 +84,7 @@ class Gatherer {
     }
     uint64_t listed = uint64_t(found.count);
     for (int64_t i = 0; i < found.larges; ++i) listed += GatherLarge(found.large[i], rank, work);
-    count_.Add(listed * sizeof(PartCrossing));
+    count_.Add(2 * listed * sizeof(PartCrossing));  // once more where they are sorted
   }
 
   uint64_t GatherLarge(uint32_t triangle, uint32_t rank, ThreadWork& work) {

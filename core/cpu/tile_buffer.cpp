@@ -31,6 +31,7 @@ TileBuffer::TileBuffer(const CpuTarget& target)
     : spec_(target.spec), format_(target.kept_format), u32_output_(target.u32_output), scale_(target.scale) {
   const size_t count = size_t{kTileVoxels} * size_t(spec_.components);
   if (spec_.blend == Blend::kFirst && target.ids_unordered) ids_.resize(kTileVoxels);
+  if (target.of_owner) ranks_.resize(kTileVoxels);
   if (spec_.format == VoxelFormat::kBit) {
     kept_ = Kept::kBits;
     begin_bits_ = spec_.blend == Blend::kAnd ? ~0u : 0;
@@ -108,12 +109,19 @@ uint32_t TileBuffer::FirstIn(int row, uint32_t mask, uint32_t before, uint32_t t
   return first;
 }
 
-void TileBuffer::Blend(TileSpan span, const BlendValue& value, uint32_t triangle) {
+void TileBuffer::DropBelow(int row, std::span<const uint16_t> ranks) {
+  uint32_t& presence = presence_[size_t(row)];
+  const uint16_t* const own = ranks_.data() + row * 32;
+  ForEachBit(presence, [&](int bit) { presence &= ~(uint32_t(ranks[size_t(bit)] > own[bit]) << bit); });
+}
+
+void TileBuffer::Blend(TileSpan span, const BlendValue& value, uint32_t triangle, uint32_t rank) {
   const int row = span.row();
   const uint32_t mask = span.mask(), before = presence_[size_t(row)];
   if (before == 0) BeginRow(row);
   presence_[size_t(row)] = before | mask;
   const int first = row * 32 + span.first(), last = row * 32 + span.last();
+  if (!ranks_.empty()) std::fill(ranks_.begin() + first, ranks_.begin() + last + 1, uint16_t(rank));
   switch (kept_) {
     case Kept::kBits: {
       uint32_t& bits = bits_[size_t(row)];

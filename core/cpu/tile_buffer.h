@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "cpu/rows/tile_spans.h"
@@ -29,10 +30,11 @@ class TileBuffer {
   BlendValue Convert(const FragmentOutput& out) const;
 
   // Blends one fragment into each voxel of a span. Fragments of a voxel arrive by ascending triangle id; where parts
-  // are filled by ascending rank of their part, and then `first` looks at the triangle's id.
-  void Blend(TileSpan span, const BlendValue& value, uint32_t triangle);
-  // Takes the fragments of these voxels of a row out.
-  void Drop(int row, uint32_t mask) { presence_[size_t(row)] &= ~mask; }
+  // are filled by ascending rank of their part, and then `first` looks at the triangle's id. `rank`: PartView::rank.
+  void Blend(TileSpan span, const BlendValue& value, uint32_t triangle, uint32_t rank = 0);
+  // Only for targets that hold the owner's fragment alone: takes out the fragments of a row's voxels in whose place
+  // there is a higher rank in `ranks`.
+  void DropBelow(int row, std::span<const uint16_t> ranks);
 
   // Writes the tile to the dense target: values where there is a fragment, the clear value elsewhere; and the bits of
   // bit targets and presence to their grids. `range` is the tile clipped to the grid. After the last tile, StreamFence.
@@ -71,6 +73,7 @@ class TileBuffer {
   std::vector<int32_t> cells_;    // kCells: for min and max in an encoding that orders as signed integers
   std::vector<int64_t> sums_;     // kSums, kAverages
   std::vector<uint32_t> counts_;  // kCounts, kAverages: one a voxel
+  std::vector<uint16_t> ranks_;   // of_owner: of each voxel the rank of its last fragment
   std::vector<uint32_t> ids_;     // `first` where triangles do not come by id: of each voxel the first one so far
 };
 

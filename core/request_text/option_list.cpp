@@ -33,7 +33,8 @@ std::span<const RequestOption> ListRequestOptions() {
        "may overlap, flood by what a flood from outside does not reach"},
       {"parts", &O::parts, kValues, "whole|file|node|mesh|material",
        "Sets of triangles that bound a solid of their own (default whole: all together): the meshes of --together, "
-       "node instances, meshes or materials of the file. Shader label gives a part's label, by default its number from 1"},
+       "node instances, meshes or materials of the file. Shader label gives a part's label, by default its number from "
+       "1"},
       {"part_label", &O::part_labels, kValues, "PATTERN=N",
        "The label of the parts of that name, at least 1; may be given several times, the last that matches holds. In a "
        "pattern * is any text and ? one character"},

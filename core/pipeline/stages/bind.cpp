@@ -1,10 +1,12 @@
 #include "pipeline/stages/bind.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstdint>
+#include <iterator>
 #include <memory>
+#include <optional>
 #include <string>
-#include <string_view>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -27,34 +29,41 @@ absl::Status BindParts(const JobContext& job, const TriangleMesh& mesh, BoundReq
   return absl::OkStatus();
 }
 
-// The largest label that each format holds, with all below.
-constexpr std::pair<VoxelFormat, uint64_t> kLargestLabels[] = {
-    {VoxelFormat::kBit, 1},          {VoxelFormat::kU8, 255},      {VoxelFormat::kF16, 1 << 11},
-    {VoxelFormat::kU16, UINT16_MAX}, {VoxelFormat::kF32, 1 << 24}, {VoxelFormat::kU32, UINT32_MAX}};
+// From the smallest.
+constexpr VoxelFormat kFormats[] = {VoxelFormat::kBit, VoxelFormat::kU8,  VoxelFormat::kF16,
+                                    VoxelFormat::kU16, VoxelFormat::kF32, VoxelFormat::kU32};
+
+bool HoldsExactly(VoxelFormat format, uint32_t label) {
+  const uint32_t digits = label >> std::countr_zero(label);  // labels are not 0
+  switch (format) {
+    case VoxelFormat::kBit: return label == 1;
+    case VoxelFormat::kU8: return label <= UINT8_MAX;
+    case VoxelFormat::kU16: return label <= UINT16_MAX;
+    case VoxelFormat::kF16: return digits < 1 << 11 && label <= 65'504;
+    case VoxelFormat::kF32: return digits < 1 << 24;
+    default: return true;
+  }
+}
 
 // A target of labels must hold each of them exactly.
 absl::Status CheckLabels(const BoundRequest& bound) {
-  uint32_t largest = 1;
-  if (bound.parts != nullptr) {
-    for (const Part& part : bound.parts->parts) largest = std::max(largest, part.label);
-  }
+  const auto not_held = [&](VoxelFormat format) -> std::optional<uint32_t> {
+    if (bound.parts == nullptr) return std::nullopt;
+    for (const Part& part : bound.parts->parts) {
+      if (!HoldsExactly(format, part.label)) return part.label;
+    }
+    return std::nullopt;
+  };
   for (size_t t = 0; t < bound.request.targets.size(); ++t) {
     const TargetSpec& target = bound.request.targets[t];
     if (FragmentShaderId(bound.fragment_shaders[t].id) != FragmentShaderId::kLabel) continue;
-    if (target.blend == Blend::kCount) continue;
-    std::string_view holds = Name(VoxelFormat::kU32);
-    for (const auto& [format, most] : kLargestLabels) {
-      if (format == target.format && largest <= most) holds = "";
-    }
-    if (holds.empty()) continue;
-    for (const auto& [format, most] : kLargestLabels) {
-      if (largest > most) continue;
-      holds = Name(format);
-      break;
-    }
+    const std::optional<uint32_t> label = target.blend == Blend::kCount ? std::nullopt : not_held(target.format);
+    if (!label) continue;
+    const VoxelFormat* const holds =
+        std::find_if(std::begin(kFormats), std::end(kFormats), [&](VoxelFormat format) { return !not_held(format); });
     return absl::InvalidArgumentError(absl::StrCat("targets[", t, "].format: ", std::string(Name(target.format)),
-                                                   " does not hold the label ", largest, " exactly; ",
-                                                   std::string(holds), " does"));
+                                                   " does not hold the label ", *label, " exactly; ",
+                                                   std::string(Name(*holds)), " holds all of them"));
   }
   return absl::OkStatus();
 }

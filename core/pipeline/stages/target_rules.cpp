@@ -70,7 +70,7 @@ bool GivesValuesOfParts(const VoxelizeRequest& request, const TargetSpec& spec) 
 bool HasFillValue(const VoxelizeRequest& request, const TargetSpec& spec, bool bodies_move) {
   if (spec.format == VoxelFormat::kBit || !spec.fill_values.empty() || spec.blend == Blend::kCount) return true;
   const std::string& shader = spec.shader.name;
-  if (GivesValuesOfParts(request, spec)) return true;
+  if (GivesValuesOfParts(request, spec) && shader != "triangle_id") return true;  // that of a lone triangle aside
   if (shader == "velocity") {
     const bool known = !bodies_move || (FillsParts(request) && request.parts.scope == PartScope::kFile);
     return known && !GivesVelocities(request.vertex_shader);

@@ -1,4 +1,5 @@
 // Parts of a mesh: their labels, and meshes without some of them.
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <string>
@@ -8,6 +9,7 @@
 #include "gmock/gmock.h"
 #include "gtest/gtest.h"
 #include "load/load_mesh.h"
+#include "many_stream.h"
 #include "mesh/parts/part_list.h"
 #include "mesh/placed_mesh.h"
 #include "pipeline/voxelize.h"
@@ -154,6 +156,39 @@ TEST_F(PartsTest, EstimatesAreOfWhatIsLeft) {
   const auto none = client_->EstimateStored(name, Without("box ?"), job_);
   ASSERT_TRUE(none.ok()) << none.status();
   EXPECT_EQ(none->report.triangles, 0u);
+}
+
+TEST_F(PartsTest, FilesAndBatchesAreOfWhatIsLeft) {
+  ASSERT_NO_FATAL_FAILURE(Start());
+  const std::string name = Upload(boxes_).name;
+  const auto exported = [&](const VoxelizeRequest& request, const std::string& mesh) {
+    v1::ExportFileRequest message;
+    *message.mutable_request() = StoredRequestOf(request, mesh);
+    message.set_format("npy");
+    grpc::ClientContext context;
+    context.set_deadline(std::chrono::system_clock::now() + kPatience);
+    const auto stream = stub_->ExportFile(&context, message);
+    std::string file;
+    for (v1::FileChunk chunk; stream->Read(&chunk);) file += chunk.data();
+    const grpc::Status status = stream->Finish();
+    EXPECT_TRUE(status.ok()) << status.error_message();
+    return file;
+  };
+  const std::string two = Upload(BoxesGlb(2)).name;
+  EXPECT_TRUE(exported(Without("box 2"), name) == exported(LabelRequest(), two));
+  EXPECT_FALSE(exported(Without("box 2"), name) == exported(LabelRequest(), name));
+
+  const auto stream = client_->OpenMany(job_);
+  ASSERT_TRUE(stream->SendStored(0, name, Without("box 2")).ok());
+  ASSERT_TRUE(stream->Send(1, boxes_, MeshFormat::kAuto, Without("box 2")).ok());
+  ASSERT_TRUE(stream->SendStored(2, two, LabelRequest()).ok());
+  stream->FinishSending();
+  for (int i = 0; i < 3; ++i) {
+    const absl::StatusOr<ManyAnswer> answer = stream->Receive();
+    ASSERT_TRUE(answer.ok()) << answer.status();
+    ASSERT_TRUE(answer->result.ok()) << answer->result.status();
+    EXPECT_EQ(answer->result->content_sha256, HashOfStored(two, LabelRequest())) << answer->id;
+  }
 }
 
 TEST_F(PartsTest, NewPositionsAreOfAllVertices) {

@@ -481,7 +481,8 @@ TEST(LabelShaderTest, AFormatThatDoesNotHoldTheLabelsIsRefused) {
   request.parts = Scope(PartScope::kNode);
   request.parts.labels = {{"left", 300}};
   request.targets = {testing::TargetOf(VoxelFormat::kU8, 1, Blend::kMax, {"label", {}})};
-  EXPECT_EQ(RunError(car, request).message(), "targets[0].format: u8 does not hold the label 300 exactly; f16 does");
+  EXPECT_EQ(RunError(car, request).message(),
+            "targets[0].format: u8 does not hold the label 300 exactly; f16 holds all of them");
   request.targets[0].format = VoxelFormat::kU16;
   const VoxelizeResult result = RunPipeline(car, request);
   uint32_t most = 0;

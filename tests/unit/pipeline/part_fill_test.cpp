@@ -174,7 +174,7 @@ TEST_F(PartFillTest, WhatCannotBeIsRefused) {
   request = Labels();
   request.parts.labels = {{"rod", 256}};
   EXPECT_EQ(testing::RunError(Assembly(), request).message(),
-            "targets[0].format: u8 does not hold the label 256 exactly; f16 does");
+            "targets[0].format: u8 does not hold the label 256 exactly; f16 holds all of them");
   request = Labels();
   request.parts.labels = {{"sail", 3}};
   const VoxelizeResult result = RunPipeline(Assembly(), request);
