@@ -127,8 +127,8 @@ void BlendTriangle(const RunState& state, Worker& worker, uint32_t triangle, std
   if (varying != 0) shader.BlendVarying(varying, spans, origin);
 }
 
-// Takes out the fragments of targets that hold the owner's alone where a part that owns the voxel has none. What a target
-// discards is no fragment of it.
+// Takes out the fragments of targets that hold the owner's alone where the part that owns the voxel has none. What a
+// target discards is no fragment of it.
 void DropOthers(const RunState& state, Worker& worker, const VoxelRange& range) {
   for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
     for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {

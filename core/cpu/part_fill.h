@@ -5,9 +5,9 @@
 
 namespace voxelpipe::cpu {
 
-// Writes the voxels of the slab whose centre lies in some part to `inside`, or adds them to its bits, and counts the odd
-// columns of all parts. If state.targets need it, state.inside_ranks then has for each voxel of the slab the rank plus 1
-// of the highest part around its centre. Errors: those of the lists, the job's.
+// Writes the voxels of the slab whose centre lies in some part to `inside`, or adds them to its bits, and counts the
+// odd columns of all parts. If state.targets need it, state.inside_ranks then has for each voxel of the slab the rank
+// plus 1 of the highest part around its centre. Errors: those of the lists, the job's.
 absl::Status FillParts(RunState& state, BitGrid& inside, bool add);
 
 }  // namespace voxelpipe::cpu

@@ -39,8 +39,8 @@ absl::Status CheckPlacement(const Mat4d& matrix);
 // after the last of all. Positions are M p, normals and tangents M's of the mesh's own, as a node's transform makes
 // them (mesh/flatten.h); exactly the identity changes nothing. `placed` holds the rest of each entry, with its default
 // label. A rig is there if every mesh has one; each follows its matrix. Images are shared with the meshes. Charged to
-// the job's memory. Errors: INVALID_ARGUMENT naming the entry for no mesh, more than kMaxPlacedMeshes, a label of 0, and
-// CheckPlacement's; RESOURCE_EXHAUSTED if triangles or vertices exceed `limits`; the job's.
+// the job's memory. Errors: INVALID_ARGUMENT naming the entry for no mesh, more than kMaxPlacedMeshes, a label of 0,
+// and CheckPlacement's; RESOURCE_EXHAUSTED if triangles or vertices exceed `limits`; the job's.
 absl::StatusOr<TriangleMesh> PlaceMeshes(const JobContext& job, std::span<const PlacedMesh> meshes,
                                          const LoadLimits& limits = {});
 

@@ -19,11 +19,10 @@ using KeptMeshes = std::span<const std::shared_ptr<KeptMesh>>;
 // In: meshes from `store`, a config, and the bytes of new positions (config.new_positions), if any. Out: the mesh with
 // the textures that the request reads, shared with all other jobs; or, with new positions, a copy with only these
 // replaced (MovedMeshes): it has no skeleton and no morph targets, and a device that has the mesh receives only the
-// positions; or the mesh that PlaceMeshes makes of config.placed, charged to the job. Of each of these a copy without the
-// parts that the request excludes (LeaveOutParts). Errors: INVALID_ARGUMENT with the
-// expected and the received number of bytes, or naming the first vertex that is not finite; those of PrepareTextures,
-// naming which of the placed meshes it is, and of PlaceMeshes; the job's; RESOURCE_EXHAUSTED out of memory. Never
-// throws.
+// positions; or the mesh that PlaceMeshes makes of config.placed, charged to the job. Of each of these a copy without
+// the parts that the request excludes (LeaveOutParts). Errors: INVALID_ARGUMENT with the expected and the received
+// number of bytes, or naming the first vertex that is not finite; those of PrepareTextures, naming which of the placed
+// meshes it is, and of PlaceMeshes; the job's; RESOURCE_EXHAUSTED out of memory. Never throws.
 absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareKept(MeshStore& store, KeptMeshes kept,
                                                                 std::span<const uint8_t> positions,
                                                                 const ParsedConfig& config, const JobLimits& limits,
