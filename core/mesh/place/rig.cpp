@@ -21,7 +21,7 @@ void Append(const Rig& from, const Mat4d& matrix, Rig& to) {
   int64_t root = -1;
   if (!(matrix == Mat4d())) {
     root = int64_t(to.nodes.size());
-    to.nodes.push_back({.local = matrix});
+    to.nodes.emplace_back().local = matrix;
     to.order.push_back(uint32_t(root));
   }
   const auto node = uint32_t(to.nodes.size());
