@@ -33,12 +33,13 @@ std::string_view Name(WarningCode code) {
     case WarningCode::kOutsideGrid: return "outside_grid";
     case WarningCode::kValuesRounded: return "values_rounded";
     case WarningCode::kPartNotFound: return "part_not_found";
+    case WarningCode::kPartOpen: return "part_open";
   }
   return "nonconforming_file";
 }
 
 std::optional<WarningCode> WarningCodeOf(std::string_view name) {
-  for (int i = 0; i <= int(WarningCode::kPartNotFound); ++i) {
+  for (int i = 0; i <= int(WarningCode::kPartOpen); ++i) {
     if (Name(WarningCode(i)) == name) return WarningCode(i);
   }
   return std::nullopt;

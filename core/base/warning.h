@@ -24,6 +24,7 @@ enum class WarningCode : uint8_t {
   kOutsideGrid,         // no triangle reaches the grid
   kValuesRounded,       // a target of integers rounds a shader's fractions to whole numbers
   kPartNotFound,        // a pattern of the request's parts matches none
+  kPartOpen,            // a part that is filled has open edges
 };
 
 // The name on the wire and in JSON: "texture_missing", ...

@@ -2,8 +2,10 @@
 #include <tbb/enumerable_thread_specific.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstring>
+#include <optional>
 #include <span>
 
 #include "base/parallel.h"
@@ -20,17 +22,48 @@
 namespace voxelpipe::cpu {
 namespace {
 
+// Counts the voxels with a fragment that each part owns (PartTable::voxels).
+class OwnedVoxels {
+ public:
+  explicit OwnedVoxels(size_t parts) : voxels_(parts) {}
+
+  void BeginTile() { touched_.fill(0); }
+  // Fragments of a voxel come by ascending rank (PartView::rank) of their part.
+  void Add(TileSpan span, uint32_t rank) {
+    touched_[size_t(span.row())] |= span.mask();
+    uint16_t* const row = &ranks_[size_t(span.row()) * 32];
+    std::fill(row + span.first(), row + span.last() + 1, uint16_t(rank));
+  }
+  // In: the ranks of a row's insides, which FillParts has counted already; a fragment of a higher part takes the voxel.
+  void CountRow(int row, const uint16_t* inside) {
+    for (uint32_t left = touched_[size_t(row)]; left != 0; left &= left - 1) {
+      const int x = std::countr_zero(left);
+      const uint16_t rank = ranks_[size_t(row * 32 + x)];
+      if (rank <= inside[x]) continue;
+      ++voxels_[rank - 1];
+      if (inside[x] != 0) --voxels_[inside[x] - 1];
+    }
+  }
+  // By rank; the difference to what FillParts counted.
+  const std::vector<int64_t>& voxels() const { return voxels_; }
+
+ private:
+  std::array<uint32_t, kTileRows> touched_{};
+  std::array<uint16_t, size_t(kTileRows) * 32> ranks_{};  // of the last fragment of each voxel that is touched
+  std::vector<int64_t> voxels_;
+};
+
 // Scratch memory of one thread.
 struct Worker {
   explicit Worker(const RunState& state) {
     for (const CpuTarget& target : state.targets) {
       buffers.emplace_back(target);
-      of_owner = of_owner || target.of_owner;
       if (target.is_occupancy) continue;
       traits |= TraitsOf(target.shader);
       shades = true;
       any_always_present = any_always_present || !target.own_presence;
     }
+    if (state.by_parts) owned.emplace(state.part_count());
     any_always_present = any_always_present || std::any_of(state.targets.begin(), state.targets.end(),
                                                            [](const CpuTarget& t) { return t.is_occupancy; });
   }
@@ -38,11 +71,11 @@ struct Worker {
   std::vector<TileBuffer> buffers;
   TileSpans spans;
   std::array<uint32_t, kTileRows> coverage{};
-  bool of_owner = false;            // a target holds the owner's fragment alone
   bool shades = false;              // some target needs shading
   ShaderTraits traits;              // the union of the traits of those targets' shaders
   bool any_always_present = false;  // a target discards no fragment, so every touched voxel is covered
   uint64_t fragments = 0;
+  std::optional<OwnedVoxels> owned;  // where parts are filled
 };
 
 // Shades and blends a triangle's fragments of one tile.
@@ -113,6 +146,10 @@ void BlendTriangle(const RunState& state, Worker& worker, uint32_t triangle, std
   if (worker.any_always_present) {
     for (const TileSpan span : spans) worker.coverage[size_t(span.row())] |= span.mask();
   }
+  if (worker.owned) {
+    const uint32_t rank = state.view.parts[PartOf(state.view, triangle)].rank;
+    for (const TileSpan span : spans) worker.owned->Add(span, rank);
+  }
   if (!worker.shades) return;
   TriangleShader shader(state, worker, triangle);
   uint32_t varying = 0;
@@ -127,13 +164,14 @@ void BlendTriangle(const RunState& state, Worker& worker, uint32_t triangle, std
   if (varying != 0) shader.BlendVarying(varying, spans, origin);
 }
 
-// Takes out the fragments of targets that hold the owner's alone where the part that owns the voxel has none. What a
-// target discards is no fragment of it.
-void DropOthers(const RunState& state, Worker& worker, const VoxelRange& range) {
+// Counts what parts own. Takes out the fragments of targets that hold the owner's alone where the part that owns the
+// voxel has none; what a target discards is no fragment of it.
+void SettleOwners(const RunState& state, Worker& worker, const VoxelRange& range) {
   for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
     for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
       const auto row = int((y - range.begin[1]) + 8 * (z - range.begin[2]));
       const uint16_t* const inside = state.inside_ranks.data() + state.SlabRow(y, z) * state.dims[0] + range.begin[0];
+      worker.owned->CountRow(row, inside);
       for (size_t t = 0; t < state.targets.size(); ++t) {
         if (state.targets[t].of_owner)
           worker.buffers[t].DropBelow(row, {inside, size_t(range.end[0] - range.begin[0])});
@@ -149,6 +187,7 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run, const Voxel
   const RowMesh mesh = IndexSpaceMesh(state.index_positions, state.view.triangles);
   worker.coverage.fill(0);
   for (TileBuffer& buffer : worker.buffers) buffer.Begin();
+  if (worker.owned) worker.owned->BeginTile();
   for (uint64_t first = run.begin; first < run.end; first += TileSpans::kTriangles) {
     // A tile may hold every triangle of the mesh. FineRaster discards an incomplete tile.
     if ((first - run.begin) % kTrianglesBetweenChecks == 0 && !state.job.Check().ok()) break;
@@ -160,7 +199,7 @@ void RasterTile(RunState& state, Worker& worker, const TileRun& run, const Voxel
       if (!spans.empty()) BlendTriangle(state, worker, uint32_t(state.pairs[first + uint64_t(i)]), spans, origin);
     }
   }
-  if (worker.of_owner) DropOthers(state, worker, range);
+  if (worker.owned) SettleOwners(state, worker, range);
   const int64_t word = range.begin[0] / 32;
   for (int64_t z = range.begin[2]; z < range.end[2]; ++z) {
     for (int64_t y = range.begin[1]; y < range.end[1]; ++y) {
@@ -276,7 +315,12 @@ absl::Status FineRaster(RunState& state) {
   state.kept_bytes = kept.bytes();
   if (absl::Status full = kept.status(); !full.ok()) return full;
   uint64_t fragments = 0;
-  for (const Worker& worker : workers) fragments += worker.fragments;
+  for (const Worker& worker : workers) {
+    fragments += worker.fragments;
+    for (size_t rank = 0; rank < state.part_count(); ++rank) {
+      state.counts.part_voxels[rank] += uint64_t(worker.owned->voxels()[rank]);
+    }
+  }
   state.counts.fragments = fragments;
   return s.ok() ? state.job.Check() : s;
 }

@@ -82,7 +82,8 @@ bool PlainBits(const VoxelizeRequest& request, const GridSpec& grid, const MeshS
   const bool owned = std::any_of(request.targets.begin(), request.targets.end(), [&](const TargetSpec& target) {
     return HoldsOwner(request, target) && !FillBit(target);
   });
-  return footprint::PlainBits(request) && !owned && RowBitsFit(grid, mesh.triangles);
+  const bool counted = FillsParts(request) && request.coverage != Coverage::kNone;  // the voxels that parts own
+  return footprint::PlainBits(request) && !owned && !counted && RowBitsFit(grid, mesh.triangles);
 }
 
 // What all tiles keep until the lists are made: values for a sparse result, fragments for buckets.

@@ -9,7 +9,6 @@
 #include <tbb/enumerable_thread_specific.h>
 
 #include <algorithm>
-#include <atomic>
 #include <bit>
 #include <vector>
 
@@ -111,14 +110,16 @@ class Gatherer {
   ListCount& count_;
 };
 
-// Paints voxels [begin, end) of a row that are not painted yet.
-void Paint(uint32_t begin, uint32_t end, uint32_t rank, uint32_t* painted, uint16_t* ranks) {
+// Paints voxels [begin, end) of a row that are not painted yet. Returns how many.
+int64_t Paint(uint32_t begin, uint32_t end, uint32_t rank, uint32_t* painted, uint16_t* ranks) {
+  int64_t count = 0;
   for (uint32_t w = begin / 32; begin < end && w <= (end - 1) / 32; ++w) {
     uint32_t mask = ~painted[w];
     if (w == begin / 32) mask &= ~0u << (begin % 32);
     if (w == (end - 1) / 32) mask &= ~0u >> (31 - (end - 1) % 32);
     if (mask == 0) continue;
     painted[w] |= mask;
+    count += std::popcount(mask);
     if (ranks == nullptr) continue;
     uint16_t* const to = ranks + w * 32;
     const auto value = uint16_t(rank + 1);
@@ -128,12 +129,19 @@ void Paint(uint32_t begin, uint32_t end, uint32_t rank, uint32_t* painted, uint1
     }
     for (uint32_t left = mask; left != 0; left &= left - 1) to[std::countr_zero(left)] = value;
   }
+  return count;
 }
 
-// Paints one row. In: its crossings by descending rank, then descending `before`. Out: the number of parts whose
-// crossings are odd, or whose signs do not sum to 0.
-int64_t PaintRow(const PartCrossing* first, const PartCrossing* last, bool signs, uint32_t* painted, uint16_t* ranks) {
-  int64_t odd = 0;
+// What one thread counts of each part, by rank.
+struct PartCounts {
+  explicit PartCounts(size_t parts) : odd_columns(parts), voxels(parts) {}
+  std::vector<uint64_t> odd_columns, voxels;
+};
+
+// Paints one row. In: its crossings by descending rank, then descending `before`. Counts what it paints, and the parts
+// whose crossings are odd, or whose signs do not sum to 0.
+void PaintRow(const PartCrossing* first, const PartCrossing* last, bool signs, uint32_t* painted, uint16_t* ranks,
+              PartCounts& counts) {
   while (first != last) {
     const uint32_t rank = first->rank;
     int32_t sum = 0;
@@ -143,11 +151,10 @@ int64_t PaintRow(const PartCrossing* first, const PartCrossing* last, bool signs
       for (; first != last && first->rank == rank && first->before == before; ++first) sum += signs ? first->sign : 1;
       const bool inside = signs ? sum != 0 : sum % 2 != 0;
       const uint32_t next = first != last && first->rank == rank ? first->before : 0;
-      if (inside) Paint(next, before, rank, painted, ranks);
-      if (next == 0 && (first == last || first->rank != rank)) odd += inside;
+      if (inside) counts.voxels[rank] += uint64_t(Paint(next, before, rank, painted, ranks));
+      if (next == 0 && (first == last || first->rank != rank)) counts.odd_columns[rank] += inside;
     }
   }
-  return odd;
 }
 
 // The crossings of one block, sorted by row.
@@ -203,12 +210,13 @@ absl::Status FillParts(RunState& state, BitGrid& inside, bool add) {
   const int64_t block_rows = std::min(lines.rows(), int64_t{1} << lines.block_shift);
   const int64_t words = lines.row_bits / 32;
   struct Scratch {
+    explicit Scratch(size_t parts) : counts(parts) {}
+    PartCounts counts;
     BlockRows rows;
     std::vector<uint32_t> painted;
     std::vector<uint16_t> ranks;
   };
-  tbb::enumerable_thread_specific<Scratch> scratch;
-  std::atomic<int64_t> odd{0};
+  tbb::enumerable_thread_specific<Scratch> scratch([&] { return Scratch(state.part_count()); });
   s = ParallelChunks(lines.blocks(), 1, state.job, [&](int64_t begin, int64_t end) {
     Scratch& memory = scratch.local();
     memory.painted.resize(size_t(words));
@@ -228,7 +236,8 @@ absl::Status FillParts(RunState& state, BitGrid& inside, bool add) {
         std::fill(memory.painted.begin(), memory.painted.end(), 0u);
         std::fill(memory.ranks.begin(), memory.ranks.end(), uint16_t{0});
         const auto [from, to] = memory.rows.Row(r);
-        odd += PaintRow(from, to, signs, memory.painted.data(), ranks == nullptr ? nullptr : memory.ranks.data());
+        uint16_t* const row_ranks = ranks == nullptr ? nullptr : memory.ranks.data();
+        PaintRow(from, to, signs, memory.painted.data(), row_ranks, memory.counts);
         for (int64_t w = 0; w < words; ++w) {
           out[w] = add ? out[w] | memory.painted[size_t(w)] : memory.painted[size_t(w)];
         }
@@ -236,7 +245,13 @@ absl::Status FillParts(RunState& state, BitGrid& inside, bool add) {
       }
     }
   });
-  state.counts.odd_columns = uint64_t(odd.load());
+  for (const Scratch& memory : scratch) {
+    for (size_t rank = 0; rank < state.part_count(); ++rank) {
+      state.counts.part_odd_columns[rank] += memory.counts.odd_columns[rank];
+      state.counts.part_voxels[rank] += memory.counts.voxels[rank];
+      state.counts.odd_columns += memory.counts.odd_columns[rank];
+    }
+  }
   return s;
 }
 

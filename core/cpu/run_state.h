@@ -89,10 +89,12 @@ struct RunState : HostMesh {
   std::shared_ptr<ABuffer> a_buffer;  // buckets
 
   // FineRaster, SolidFill
-  bool by_parts = false, needs_ranks = false;  // FillsParts; a target asks for the owner of a voxel
-  HostArray<uint16_t> inside_ranks;            // needs_ranks: of each voxel of the slab, see FillParts
+  // FillsParts; the owner of the inside of a voxel is wanted: by a target, or to count the voxels of parts.
+  bool by_parts = false, needs_ranks = false;
+  HostArray<uint16_t> inside_ranks;  // needs_ranks: of each voxel of the slab, see FillParts
   BitGrid inside;
   SlabCounts counts;
+  uint64_t part_count() const { return by_parts ? request.parts->parts.size() : 0; }
 
   // The fill of a voxel of a slab row; in grid coordinates, with the row's number.
   const FillValue& FillOf(const CpuTarget& target, int64_t slab_row, int64_t x) const {

@@ -57,6 +57,7 @@ std::string_view NpyDescr(ElementType type) {
     case ElementType::kU64: return "<u8";
     case ElementType::kF16: return "<f2";
     case ElementType::kF32: return "<f4";
+    case ElementType::kI32: return "<i4";
   }
   return "|u1";
 }

@@ -16,11 +16,11 @@ absl::Status MemorySink::Begin(const ResultHeader& header) {
 
 absl::Status MemorySink::Write(size_t array, std::span<const uint8_t> bytes) {
   if (array != std::exchange(array_, array)) offset_ = 0;
-  const std::vector<HostBuffer*> arrays = MutableArraysOf(result_);
-  if (array >= arrays.size() || bytes.size() > arrays[array]->size() - offset_) {
+  const std::vector<std::span<uint8_t>> arrays = MutableArraysOf(result_);
+  if (array >= arrays.size() || bytes.size() > arrays[array].size() - offset_) {
     return absl::InternalError("more bytes than the result has");
   }
-  std::copy(bytes.begin(), bytes.end(), arrays[array]->data() + offset_);
+  std::copy(bytes.begin(), bytes.end(), arrays[array].data() + offset_);
   offset_ += bytes.size();
   return absl::OkStatus();
 }

@@ -20,6 +20,30 @@ std::vector<uint64_t> TargetShape(const TargetSpec& spec, Layout layout, std::ve
   return items;
 }
 
+// The lists and the targets.
+std::vector<HostBuffer*> BuffersOf(VoxelizeResult& result) {
+  std::vector<HostBuffer*> arrays;
+  if (result.kind == ResultKind::kSparse) arrays = {&result.bricks, &result.masks};
+  if (result.kind == ResultKind::kBuckets) arrays = {&result.voxels, &result.offsets, &result.triangles};
+  for (HostBuffer& target : result.targets) arrays.push_back(&target);
+  return arrays;
+}
+
+void AddParts(const PartShape& parts, std::vector<ArraySpec>& arrays) {
+  if (parts.parts == 0) return;
+  const auto add = [&](const char* name, ElementType type) { arrays.push_back({name, type, {parts.parts}}); };
+  add("part_label", ElementType::kU32);
+  add("part_priority", ElementType::kI32);
+  add("part_triangles", ElementType::kU64);
+  if (parts.filled) {
+    add("part_open_edges", ElementType::kU64);
+    add("part_odd_columns", ElementType::kU64);
+    add("part_voxels", ElementType::kU64);
+  }
+  arrays.push_back({"part_name_offset", ElementType::kU64, {parts.parts + 1}});
+  arrays.push_back({"part_name", ElementType::kU8, {parts.name_bytes}});
+}
+
 }  // namespace
 
 std::string_view Name(ResultKind kind) {
@@ -40,6 +64,7 @@ std::string_view Name(ElementType type) {
     case ElementType::kU64: return "u64";
     case ElementType::kF16: return "f16";
     case ElementType::kF32: return "f32";
+    case ElementType::kI32: return "i32";
   }
   return "unknown";
 }
@@ -66,7 +91,8 @@ uint64_t ArrayBytes(ElementType type, uint64_t count) {
     case ElementType::kU16:
     case ElementType::kF16: return count * 2;
     case ElementType::kU32:
-    case ElementType::kF32: return count * 4;
+    case ElementType::kF32:
+    case ElementType::kI32: return count * 4;
     case ElementType::kU64: return count * 8;
   }
   return 0;
@@ -88,8 +114,15 @@ uint64_t VoxelizeResult::listed_voxels() const {
   return count;
 }
 
+PartShape ResultHeader::parts() const {
+  const size_t first = first_part_array();
+  if (arrays.size() <= first) return {};
+  constexpr size_t kWithoutFill = 5;
+  return {arrays[first].shape[0], arrays.size() > first + kWithoutFill, arrays.back().shape[0]};
+}
+
 ResultHeader MakeResultHeader(const VoxelizeRequest& request, const GridSpec& grid, uint64_t bricks, uint64_t voxels,
-                              uint64_t fragments) {
+                              uint64_t fragments, const PartShape& parts) {
   ResultHeader header;
   header.kind = request.result;
   header.grid = grid;
@@ -115,11 +148,12 @@ ResultHeader MakeResultHeader(const VoxelizeRequest& request, const GridSpec& gr
     header.arrays.push_back(
         {absl::StrCat("target", i), ElementOf(spec.format), TargetShape(spec, request.layout, items)});
   }
+  AddParts(parts, header.arrays);
   return header;
 }
 
-ResultHeader DenseHeader(const VoxelizeRequest& request, const GridSpec& grid) {
-  return MakeResultHeader(request, grid, 0, 0, 0);
+ResultHeader DenseHeader(const VoxelizeRequest& request, const GridSpec& grid, const PartShape& parts) {
+  return MakeResultHeader(request, grid, 0, 0, 0, parts);
 }
 
 uint64_t BytesOf(const ResultHeader& header) {
@@ -134,21 +168,19 @@ ResultHeader HeaderOf(const VoxelizeResult& result) {
   request.layout = result.layout;
   request.targets = result.specs;
   return MakeResultHeader(request, result.grid, result.listed_bricks(), result.listed_voxels(),
-                          result.listed_fragments());
+                          result.listed_fragments(), result.parts.shape());
 }
 
-std::vector<HostBuffer*> MutableArraysOf(VoxelizeResult& result) {
-  std::vector<HostBuffer*> arrays;
-  if (result.kind == ResultKind::kSparse) arrays = {&result.bricks, &result.masks};
-  if (result.kind == ResultKind::kBuckets) arrays = {&result.voxels, &result.offsets, &result.triangles};
-  for (HostBuffer& target : result.targets) arrays.push_back(&target);
+std::vector<std::span<uint8_t>> MutableArraysOf(VoxelizeResult& result) {
+  std::vector<std::span<uint8_t>> arrays;
+  for (HostBuffer* const array : BuffersOf(result)) arrays.push_back(array->bytes());
+  for (const std::span<uint8_t> array : ArraysOf(result.parts)) arrays.push_back(array);
   return arrays;
 }
 
 std::vector<std::span<const uint8_t>> ArraysOf(const VoxelizeResult& result) {
-  std::vector<std::span<const uint8_t>> spans;
-  for (const HostBuffer* array : MutableArraysOf(const_cast<VoxelizeResult&>(result))) spans.push_back(array->bytes());
-  return spans;
+  const std::vector<std::span<uint8_t>> arrays = MutableArraysOf(const_cast<VoxelizeResult&>(result));
+  return {arrays.begin(), arrays.end()};
 }
 
 absl::StatusOr<VoxelizeResult> AllocateResult(const ResultHeader& header) {
@@ -158,7 +190,8 @@ absl::StatusOr<VoxelizeResult> AllocateResult(const ResultHeader& header) {
   result.layout = header.layout;
   result.specs = header.specs;
   result.targets.resize(header.specs.size());
-  const std::vector<HostBuffer*> arrays = MutableArraysOf(result);
+  result.parts = MakePartTable(header.parts());
+  const std::vector<HostBuffer*> arrays = BuffersOf(result);
   for (size_t i = 0; i < arrays.size(); ++i) {
     absl::StatusOr<HostBuffer> buffer = HostBuffer::Allocate(header.arrays[i].bytes());
     if (!buffer.ok()) return buffer.status();

@@ -12,13 +12,14 @@
 #include "grid/grid_spec.h"
 #include "grid/host_buffer.h"
 #include "grid/voxel_format.h"
+#include "job/part_table.h"
 #include "job/request.h"
 #include "job/stats.h"
 
 namespace voxelpipe {
 
 // Element of a result's array. kBit: packed, element n is bit n%8 of byte n/8, unused bits 0. All others little endian.
-enum class ElementType : uint8_t { kBit, kU8, kU16, kU32, kU64, kF16, kF32 };
+enum class ElementType : uint8_t { kBit, kU8, kU16, kU32, kU64, kF16, kF32, kI32 };
 
 std::string_view Name(ElementType type);
 ElementType ElementOf(VoxelFormat format);
@@ -46,12 +47,22 @@ struct ArraySpec {
 //            offset u64 (n + 1)      fragments of voxel i are [offset[i], offset[i+1])
 //            triangle u32 (m)        of each fragment, ascending within a voxel
 //            target0, ...            the shader's output of each fragment: (m), (m, c), planar (c, m)
+// Where the request cuts the mesh into p parts, behind the targets (part_table.h):
+//            part_label u32 (p), part_priority i32 (p), part_triangles u64 (p)
+//            part_open_edges, part_odd_columns, part_voxels u64 (p)      with a fill
+//            part_name_offset u64 (p + 1), part_name u8 (bytes)
 struct ResultHeader {
   ResultKind kind = ResultKind::kDense;
   GridSpec grid;
   Layout layout = Layout::kInterleaved;
   std::vector<TargetSpec> specs;  // as requested
   std::vector<ArraySpec> arrays;  // in stream order
+
+  // Arrays before the targets': 0, 2 or 3, by kind. Behind the targets those of the parts follow.
+  size_t lists() const { return kind == ResultKind::kDense ? 0 : kind == ResultKind::kSparse ? 2 : 3; }
+  size_t first_part_array() const { return lists() + specs.size(); }
+  // No parts if the arrays of parts are not there.
+  PartShape parts() const;
 };
 
 // Bytes in a GPU's memory, for work of that GPU. `owner` frees them; no work may use them then.
@@ -83,6 +94,7 @@ struct VoxelizeResult : ResultArrays {
   GridSpec grid;
   Layout layout = Layout::kInterleaved;
   std::vector<TargetSpec> specs;  // as requested
+  PartTable parts;
   VoxelizeStats stats;
 
   // Occupied voxels that a sparse or bucketed result lists, fragments of a bucketed one.
@@ -92,17 +104,17 @@ struct VoxelizeResult : ResultArrays {
 };
 
 // The header of dense results is known before the run.
-ResultHeader DenseHeader(const VoxelizeRequest& request, const GridSpec& grid);
+ResultHeader DenseHeader(const VoxelizeRequest& request, const GridSpec& grid, const PartShape& parts = {});
 // In: the counts of the lists (see VoxelizeResult). Out: the header of a sparse or bucketed result; dense ignores them.
 ResultHeader MakeResultHeader(const VoxelizeRequest& request, const GridSpec& grid, uint64_t bricks, uint64_t voxels,
-                              uint64_t fragments);
+                              uint64_t fragments, const PartShape& parts = {});
 ResultHeader HeaderOf(const VoxelizeResult& result);
 // Of all arrays together.
 uint64_t BytesOf(const ResultHeader& header);
 
 // The bytes of the arrays in stream order, one span an array of HeaderOf(result). Owned by `result`.
 std::vector<std::span<const uint8_t>> ArraysOf(const VoxelizeResult& result);
-std::vector<HostBuffer*> MutableArraysOf(VoxelizeResult& result);
+std::vector<std::span<uint8_t>> MutableArraysOf(VoxelizeResult& result);
 
 // An empty result with the header's kind, grid and specs, every array allocated, contents undefined.
 absl::StatusOr<VoxelizeResult> AllocateResult(const ResultHeader& header);

@@ -120,7 +120,8 @@ absl::Status JoinTarget(std::vector<ResultArrays>& slabs, const std::vector<uint
 
 }  // namespace
 
-absl::Status MemoryAssembler::Begin(const VoxelizeRequest& request, const Plan& plan) {
+absl::Status MemoryAssembler::Begin(const VoxelizeRequest& request, const Plan& plan, const PartTable& parts) {
+  parts_ = &parts;
   one_slab_ = plan.slab_depth >= plan.grid.dims[2];
   if (request.result == ResultKind::kDense && !one_slab_) {
     absl::StatusOr<VoxelizeResult> result = AllocateResult(DenseHeader(request, plan.grid));
@@ -180,6 +181,7 @@ uint64_t MemoryAssembler::bytes_to_join() const {
 }
 
 absl::Status MemoryAssembler::End() {
+  result_.parts = *parts_;
   if (one_slab_ || result_.kind == ResultKind::kDense) return absl::OkStatus();
   std::vector<uint64_t> items;
   for (const ResultArrays& slab : slabs_) items.push_back(ListedItems(slab, result_.kind));
@@ -201,14 +203,15 @@ absl::Status MemoryAssembler::End() {
   return absl::OkStatus();
 }
 
-absl::Status StreamAssembler::Begin(const VoxelizeRequest& request, const Plan& plan) {
+absl::Status StreamAssembler::Begin(const VoxelizeRequest& request, const Plan& plan, const PartTable& parts) {
+  parts_ = &parts;
   passes_.clear();
   all_at_once_.clear();
   for (size_t t = 0; t < request.targets.size(); ++t) {
     const int planes = request.layout == Layout::kPlanar ? request.targets[t].components : 1;
     for (int plane = 0; plane < planes; ++plane) passes_.push_back({t, plane, planes});
   }
-  header_ = DenseHeader(request, plan.grid);
+  header_ = DenseHeader(request, plan.grid, parts.shape());
   if (plan.slab_depth < plan.grid.dims[2]) return sink_.Begin(header_);
   all_at_once_ = std::exchange(passes_, {Pass{0, 0, 1}});
   return absl::OkStatus();  // the sink may keep the whole
@@ -225,12 +228,25 @@ absl::Status StreamAssembler::Add(int pass, const Slab&, ResultArrays arrays) {
   whole.grid = header_.grid;
   whole.layout = header_.layout;
   whole.specs = header_.specs;
+  whole.parts = *parts_;
   static_cast<ResultArrays&>(whole) = std::move(arrays);
-  if (sink_.Keep(std::move(whole))) return absl::OkStatus();
+  kept_ = sink_.Keep(std::move(whole));
+  if (kept_) return absl::OkStatus();
   arrays = std::move(whole);  // NOLINT(bugprone-use-after-move): it was not kept
   if (absl::Status s = sink_.Begin(header_); !s.ok()) return s;
   for (const Pass& part : all_at_once_) {
     if (absl::Status s = hand_on(part); !s.ok()) return s;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status StreamAssembler::End() {
+  if (kept_ || parts_->empty()) return absl::OkStatus();
+  PartTable parts = *parts_;
+  size_t array = header_.first_part_array();
+  for (const std::span<const uint8_t> bytes : ArraysOf(parts)) {
+    if (absl::Status s = bytes.empty() ? absl::OkStatus() : sink_.Write(array, bytes); !s.ok()) return s;
+    ++array;
   }
   return absl::OkStatus();
 }

@@ -15,7 +15,8 @@ namespace voxelpipe {
 class Assembler {
  public:
   virtual ~Assembler() = default;
-  virtual absl::Status Begin(const VoxelizeRequest& request, const Plan& plan) = 0;
+  // `parts` outlives the assembler's work. Its counts are there with the last slab of the first pass.
+  virtual absl::Status Begin(const VoxelizeRequest& request, const Plan& plan, const PartTable& parts) = 0;
   // How often all slabs are to be made. Known after Begin.
   virtual int passes() const { return 1; }
   virtual absl::Status Add(int pass, const Slab& slab, ResultArrays arrays) = 0;
@@ -28,7 +29,7 @@ class Assembler {
 // bucketed slabs are joined at the end.
 class MemoryAssembler final : public Assembler {
  public:
-  absl::Status Begin(const VoxelizeRequest& request, const Plan& plan) override;
+  absl::Status Begin(const VoxelizeRequest& request, const Plan& plan, const PartTable& parts) override;
   absl::Status Add(int pass, const Slab& slab, ResultArrays arrays) override;
   uint64_t bytes_to_join() const override;
   absl::Status End() override;
@@ -36,18 +37,20 @@ class MemoryAssembler final : public Assembler {
 
  private:
   VoxelizeResult result_;
+  const PartTable* parts_ = nullptr;
   bool one_slab_ = true;
   std::vector<ResultArrays> slabs_;  // sparse and buckets
 };
 
 // Dense slabs into a sink. One pass a target; one a plane of a planar target, whose planes follow each other in stream
-// order.
+// order. The table of parts comes last.
 class StreamAssembler final : public Assembler {
  public:
   explicit StreamAssembler(ResultSink& sink) : sink_(sink) {}
-  absl::Status Begin(const VoxelizeRequest& request, const Plan& plan) override;
+  absl::Status Begin(const VoxelizeRequest& request, const Plan& plan, const PartTable& parts) override;
   int passes() const override { return int(passes_.size()); }
   absl::Status Add(int pass, const Slab& slab, ResultArrays arrays) override;
+  absl::Status End() override;
 
  private:
   struct Pass {
@@ -56,6 +59,8 @@ class StreamAssembler final : public Assembler {
   };
 
   ResultSink& sink_;
+  const PartTable* parts_ = nullptr;
+  bool kept_ = false;  // by the sink, as a whole
   std::vector<Pass> passes_;
   ResultHeader header_;
   std::vector<Pass> all_at_once_;  // where one slab is the whole grid: what its only pass hands on

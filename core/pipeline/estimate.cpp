@@ -23,6 +23,7 @@ absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh
   const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *std::move(extent)};
   absl::StatusOr<PlannedRun> run = RunPlanner(backend, **stages, bound.request, size, limits, delivery).Make();
   if (!run.ok()) return run.status();
+  AddParts(bound.part_table, run->plan);
   return std::move(run->plan);
 }
 

@@ -35,6 +35,11 @@ void SlabLoop::AddCounts(const SlabCounts& counts) {
   if (counts.fragments) stats_.fragments = stats_.fragments.value_or(0) + *counts.fragments;
   if (run_.request.coverage == Coverage::kNone) stats_.fragments = 0;
   if (CastsLines(run_.request.fill)) stats_.odd_columns = stats_.odd_columns.value_or(0) + counts.odd_columns;
+  for (size_t i = 0; i < parts_.voxels.size(); ++i) {
+    const uint32_t rank = bound_.parts->parts[i].rank;
+    parts_.odd_columns[i] += counts.part_odd_columns[rank];
+    parts_.voxels[i] += counts.part_voxels[rank];
+  }
 }
 
 uint64_t SlabLoop::HeldBytes(const ResultArrays& lists, const Slab& slab) const {
@@ -74,7 +79,7 @@ absl::Status SlabLoop::RunPass(const MakeSlab& make, int pass, Assembler& assemb
     }
     if (pass == 0) AddCounts(made->counts);
     if (pass == 0 && z == 0) {  // not before: what is wrong with the mesh shows by now, and how thick slabs can be
-      if (absl::Status s = assembler.Begin(run_.request, plan_); !s.ok()) return s;
+      if (absl::Status s = assembler.Begin(run_.request, plan_, parts_); !s.ok()) return s;
       stats_.passes = assembler.passes();
     }
     z = slab.end;

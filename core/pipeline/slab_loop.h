@@ -29,8 +29,9 @@ class SlabLoop {
   using MakeSlab = std::function<absl::StatusOr<MadeSlab>(const Slab& slab, bool counted)>;
 
   // `plan.slab_depth` becomes less where slabs are made thinner. All that is given outlives the loop.
-  SlabLoop(const RunInput& run, Plan& plan, ListMemory& lists, StageClock& clock, VoxelizeStats& stats)
-      : run_(run), plan_(plan), lists_(lists), clock_(clock), stats_(stats) {}
+  SlabLoop(const RunInput& run, const BoundRequest& bound, Plan& plan, ListMemory& lists, StageClock& clock,
+           VoxelizeStats& stats)
+      : run_(run), bound_(bound), plan_(plan), lists_(lists), clock_(clock), stats_(stats), parts_(bound.part_table) {}
 
   // Makes the first slab, begins `assembler`, adds all slabs to it as often as it wants, and ends it.
   absl::Status Run(const MakeSlab& make, Assembler& assembler);
@@ -54,10 +55,12 @@ class SlabLoop {
   uint64_t HeldBytes(const ResultArrays& lists, const Slab& slab) const;
 
   const RunInput& run_;
+  const BoundRequest& bound_;
   Plan& plan_;
   ListMemory& lists_;
   StageClock& clock_;
   VoxelizeStats& stats_;
+  PartTable parts_;  // with the counts of the slabs so far
   std::optional<Coming> coming_;
 };
 

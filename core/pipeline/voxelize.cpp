@@ -86,6 +86,7 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
   absl::StatusOr<PlannedRun> planned = clock("vertex_shade", [&] { return planner.Make(); });
   if (!planned.ok()) return planned.status();
   Plan& plan = planned->plan;
+  AddParts(bound->part_table, plan);
   if (run.on_plan) {
     clock.Pause();
     if (absl::Status refused = run.on_plan(plan); !refused.ok()) return refused;
@@ -97,7 +98,7 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
     const bool stays = run.on_device && request.result == ResultKind::kDense && slab.depth() == plan.grid.dims[2];
     return MakeSlab(stages, request, slab, counted, stays, clock);
   };
-  const absl::Status s = SlabLoop(run, plan, *lists, clock, stats).Run(make, assembler);
+  const absl::Status s = SlabLoop(run, *bound, plan, *lists, clock, stats).Run(make, assembler);
   stats.path = stages.Paths();
   return IsRefusedBeyondPlan(s) ? planner.Explain(plan, planned->surface, lists->refused_bytes()) : s;
 }

@@ -109,6 +109,14 @@ WarningList WarningsOf(const TriangleMesh& mesh, const VoxelizeRequest& request)
 WarningList WarningsOf(const TriangleMesh& mesh, const BoundRequest& request) {
   WarningList warnings = WarningsOf(mesh, request.request);
   if (request.parts != nullptr) warnings.Append(request.parts->warnings);
+  const PartTable& parts = request.part_table;
+  for (size_t i = 0; i < parts.open_edges.size(); ++i) {
+    if (parts.open_edges[i] == 0) continue;
+    const std::string called = parts.Name(i).empty() ? "" : absl::StrCat(" '", std::string(parts.Name(i)), "'");
+    warnings.Add(WarningCode::kPartOpen, absl::StrCat("parts[", i, "]"),
+                 absl::StrCat("the part", called, " has ", parts.open_edges[i],
+                              " open edges: it bounds no solid, and its inside may be filled in part or not at all"));
+  }
   return warnings;
 }
 

@@ -14,7 +14,7 @@ namespace voxelpipe {
 // In: a mesh whose textures are prepared (load/decode/image.h). Out: the warnings of the mesh, and of the textures that
 // the request's shaders read, and of targets whose values are not what they seem. What is known before the run.
 WarningList WarningsOf(const TriangleMesh& mesh, const VoxelizeRequest& request);
-// The same, and those of its parts.
+// The same, and those of its parts: patterns that match none, and parts that are filled and open.
 WarningList WarningsOf(const TriangleMesh& mesh, const BoundRequest& request);
 
 // The warnings of a mesh, whatever is asked of it: all of its textures (CheckImages of

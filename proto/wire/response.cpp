@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "base/text.h"
+#include "mesh/parts/part_list.h"
 #include "wire/count.h"
 #include "wire/duration.h"
 #include "wire/request.h"
@@ -38,6 +39,7 @@ v1::ElementType ToMessage(ElementType type) {
     case ElementType::kU64: return v1::ELEMENT_TYPE_U64;
     case ElementType::kF16: return v1::ELEMENT_TYPE_F16;
     case ElementType::kF32: return v1::ELEMENT_TYPE_F32;
+    case ElementType::kI32: return v1::ELEMENT_TYPE_I32;
   }
   return v1::ELEMENT_TYPE_UNSPECIFIED;
 }
@@ -74,6 +76,8 @@ struct Counts {
 
 // Above the fragments of any mesh, and small enough that no product with components and element sizes overflows.
 constexpr uint64_t kMaxFragments = uint64_t{1} << 53;
+// Above the names of any file.
+constexpr int64_t kMaxNameBytes = int64_t{1} << 32;
 
 // Reads the counts from the shapes of the first arrays. Rejects counts that the grid cannot hold.
 absl::StatusOr<Counts> ReadCounts(const v1::ResultHeader& message, const VoxelizeRequest& request,
@@ -111,6 +115,18 @@ absl::StatusOr<Counts> ReadCounts(const v1::ResultHeader& message, const Voxeliz
     return Broken(absl::StrCat(counts.voxels, " voxels listed in a grid of ", grid.voxels()));
   }
   return counts;
+}
+
+// Reads the sizes of the arrays of parts, which follow the first `others` arrays. Where the request cuts the mesh into
+// parts they may be absent: it has none.
+absl::StatusOr<PartShape> ReadParts(const v1::ResultHeader& message, const VoxelizeRequest& request, size_t others) {
+  if (request.parts.scope == PartScope::kWhole || size_t(message.arrays_size()) <= others) return PartShape();
+  const v1::ResultArray &first = message.arrays(int(others)), &last = message.arrays(message.arrays_size() - 1);
+  if (first.shape().empty() || last.shape().empty()) return Broken("an array without a shape");
+  const int64_t parts = first.shape(0), bytes = last.shape(0);
+  if (parts < 1 || parts > int64_t(kMaxParts)) return Broken(absl::StrCat(parts, " parts"));
+  if (bytes < 0 || bytes > kMaxNameBytes) return Broken(absl::StrCat(bytes, " bytes of names of parts"));
+  return PartShape{uint64_t(parts), FillsParts(request), uint64_t(bytes)};
 }
 
 }  // namespace
@@ -336,6 +352,9 @@ absl::StatusOr<ResultHeader> FromMessage(const v1::ResultHeader& message, const 
   const absl::StatusOr<Counts> counts = ReadCounts(message, request, *grid);
   if (!counts.ok()) return counts.status();
   ResultHeader header = MakeResultHeader(request, *grid, counts->bricks, counts->voxels, counts->fragments);
+  const absl::StatusOr<PartShape> parts = ReadParts(message, request, header.arrays.size());
+  if (!parts.ok()) return parts.status();
+  header = MakeResultHeader(request, *grid, counts->bricks, counts->voxels, counts->fragments, *parts);
   if (size_t(message.arrays_size()) != header.arrays.size()) {
     return Broken(absl::StrCat(message.arrays_size(), " arrays instead of ", header.arrays.size()));
   }

@@ -111,6 +111,39 @@ MedianTimes Medians(const std::vector<VoxelizeStats>& runs) {
   return times;
 }
 
+namespace {
+
+// An array a column, with an element a part.
+nlohmann::ordered_json PartsJson(const PartTable& parts) {
+  nlohmann::ordered_json json;
+  json["label"] = parts.label;
+  json["priority"] = parts.priority;
+  json["triangles"] = parts.triangles;
+  if (!parts.voxels.empty()) {
+    json["open_edges"] = parts.open_edges;
+    json["odd_columns"] = parts.odd_columns;
+    json["voxels"] = parts.voxels;
+  }
+  json["name"] = nlohmann::ordered_json::array();
+  for (size_t i = 0; i < parts.size(); ++i) json["name"].push_back(std::string(parts.Name(i)));
+  return json;
+}
+
+// "wing, label 3, 1,204 triangles, 5,402 voxels" of the part of a number.
+std::string PartText(const PartTable& parts, size_t i) {
+  const std::string name(parts.Name(i));
+  std::string text = absl::StrCat(name.empty() ? "(no name)" : name, ", label ", parts.label[i], ", ",
+                                  WithCommas(parts.triangles[i]), " triangles");
+  if (parts.voxels.empty()) return text;
+  absl::StrAppend(&text, ", ", WithCommas(parts.voxels[i]), " voxels");
+  if (parts.open_edges[i] > 0) absl::StrAppend(&text, ", ", WithCommas(parts.open_edges[i]), " open edges");
+  return text;
+}
+
+constexpr size_t kPartsShown = 12;
+
+}  // namespace
+
 nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& report) {
   const ResultHeader& result = report.header;
   const VoxelizeStats& stats = run.runs.back();
@@ -126,6 +159,7 @@ nlohmann::ordered_json VoxelizeJson(const EngineRun& run, const VoxelizeReport& 
   json["fragments"] = OrNull(stats.fragments);
   json["odd_columns"] = OrNull(stats.odd_columns);
   json["open_edges"] = OrNull(run.open_edges);
+  if (!report.parts.empty()) json["parts"] = PartsJson(report.parts);
   json["backend"] = stats.backend;
   json["simd"] = stats.simd;
   json["path"] = stats.path;
@@ -181,10 +215,15 @@ Lines VoxelizeTable(const EngineRun& run, const VoxelizeReport& report) {
           stats.fragments ? absl::StrCat(WithCommas(*stats.fragments), " fragments") : "fragments not counted"));
   if (stats.odd_columns) row("odd columns", WithCommas(*stats.odd_columns));
   if (run.open_edges) row("open edges", WithCommas(*run.open_edges));
+  for (size_t i = 0; i < std::min(report.parts.size(), kPartsShown); ++i) {
+    row(i == 0 ? "parts" : "", PartText(report.parts, i));
+  }
+  if (report.parts.size() > kPartsShown) {
+    row("", absl::StrCat("and ", report.parts.size() - kPartsShown, " more"));
+  }
   for (size_t i = 0; i < result.specs.size(); ++i) {
     row(i == 0 ? "targets" : "",
-        absl::StrCat(DescribeTarget(result.specs[i]), ", ",
-                     HumanBytes(result.arrays[result.arrays.size() - result.specs.size() + i].bytes())));
+        absl::StrCat(DescribeTarget(result.specs[i]), ", ", HumanBytes(result.arrays[result.lists() + i].bytes())));
   }
   row("backend", absl::StrCat(stats.backend, ", ", stats.simd, run.server_peak_bytes ? ", on the server" : ""));
   if (!stats.device_failure.empty()) row("in place of", stats.device_failure);

@@ -41,6 +41,7 @@ std::string JsonText(const nlohmann::ordered_json& json, int indent = -1);
 struct VoxelizeReport {
   std::string input;
   ResultHeader header;             // of the result
+  PartTable parts;                 // likewise
   uint64_t bytes = 0;              // of all arrays
   std::vector<std::string> files;  // written
   std::string hash;

@@ -9,6 +9,7 @@
 #include "encode/result_file.h"
 #include "engine/clock.h"
 #include "engine/hash.h"
+#include "job/part_receiver.h"
 #include "pipeline/warnings.h"
 
 namespace voxelpipe::cli {
@@ -68,18 +69,21 @@ void AddNotKept(const OutputPlan& plan, const ResultHeader& header, WarningList&
   if (format != nullptr) WarnOfNotKept(*format, header, warnings);
 }
 
-// Measures the time of writing a file, and reports the number of voxels to on_grid.
+// Measures the time of writing a file, reports the number of voxels to on_grid, and keeps a copy of the table of parts.
 class TimedSink final : public ResultSink {
  public:
   TimedSink(ResultSink* next, const OnGrid& on_grid) : next_(next), on_grid_(on_grid) {}
   absl::Status Begin(const ResultHeader& header) override {
     if (on_grid_) on_grid_(header.grid.voxels());
+    parts_.Begin(header);
     return Timed([&] { return next_->Begin(header); });
   }
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    parts_.Take(array, bytes);
     return Timed([&] { return next_->Write(array, bytes); });
   }
   double milliseconds() const { return milliseconds_; }
+  const PartTable& parts() const { return parts_.table(); }
 
  private:
   template <typename Call>
@@ -93,6 +97,7 @@ class TimedSink final : public ResultSink {
 
   ResultSink* next_;
   const OnGrid& on_grid_;
+  PartReceiver parts_;
   double milliseconds_ = 0;
 };
 
@@ -121,6 +126,7 @@ absl::StatusOr<EngineRun> RunToFiles(Engine& engine, MeshInputs meshes, const Vo
   }
   run->warnings = std::move(warnings);
   report.header = sink.header();
+  report.parts = timed.parts();
   report.bytes = sink.bytes();
   report.hash = sink.Digest();
   const Stopwatch encode;

@@ -9,25 +9,39 @@ namespace voxelpipe {
 
 absl::Status CheckedLists::Begin(const ResultHeader& header) {
   header_ = header;
-  lists_ = header.arrays.size() - header.specs.size();
   ResultHeader lists = header;
   lists.specs.clear();
-  lists.arrays.resize(lists_);
+  lists.arrays.resize(header.lists());
   if (absl::Status s = held_.Begin(lists); !s.ok()) return s;
+  parts_.Begin(header);
   return next_.Begin(header);
 }
 
 absl::Status CheckedLists::Write(size_t array, std::span<const uint8_t> bytes) {
-  if (array < lists_) return held_.Write(array, bytes);
-  if (absl::Status s = Finish(); !s.ok()) return s;
-  return next_.Write(array, bytes);
+  if (array < header_.lists()) return held_.Write(array, bytes);
+  if (absl::Status s = ForwardLists(); !s.ok()) return s;
+  return parts_.Take(array, bytes) ? absl::OkStatus() : next_.Write(array, bytes);
 }
 
 absl::Status CheckedLists::Finish() {
+  if (absl::Status s = ForwardLists(); !s.ok()) return s;
+  PartTable parts = parts_.table();
+  if (absl::Status s = CheckTable(parts); !s.ok()) return s;
+  size_t array = header_.first_part_array();
+  for (const std::span<const uint8_t> bytes : ArraysOf(parts)) {
+    if (absl::Status s = bytes.empty() ? absl::OkStatus() : next_.Write(array, bytes); !s.ok()) return s;
+    ++array;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckedLists::ForwardLists() {
   if (std::exchange(forwarded_, true)) return absl::OkStatus();
   VoxelizeResult lists = held_.Take();
   lists.specs = header_.specs;
-  if (absl::Status s = CheckLists(lists, header_.arrays); !s.ok()) return s;
+  std::vector<ArraySpec> announced = header_.arrays;
+  announced.resize(header_.first_part_array());
+  if (absl::Status s = CheckLists(lists, announced); !s.ok()) return s;
   const std::vector<std::span<const uint8_t>> arrays = ArraysOf(lists);
   for (size_t i = 0; i < arrays.size(); ++i) {
     if (arrays[i].empty()) continue;

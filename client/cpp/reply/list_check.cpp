@@ -84,7 +84,13 @@ absl::Status CheckBuckets(const VoxelizeResult& result) {
 
 }  // namespace
 
+absl::Status CheckTable(const PartTable& parts) {
+  const absl::Status s = CheckParts(parts);
+  return s.ok() ? s : Lost(std::string(s.message()));
+}
+
 absl::Status CheckLists(const VoxelizeResult& result, const std::vector<ArraySpec>& announced) {
+  if (absl::Status s = CheckTable(result.parts); !s.ok()) return s;
   switch (result.kind) {
     case ResultKind::kDense: return absl::OkStatus();
     case ResultKind::kSparse: return CheckSparse(result, announced);

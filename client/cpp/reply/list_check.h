@@ -13,7 +13,10 @@ namespace voxelpipe {
 //            bits as there are announced values
 //   buckets  voxels ascend and lie in the grid; offsets begin with 0, ascend (each voxel has a fragment) and end with
 //            the number of fragments; triangles ascend within a voxel
-// In: a result, with arrays as announced in the header. DATA_LOSS naming array and entry. Dense results have no lists.
+//   parts    CheckParts
+// In: a result, with arrays as announced in the header. DATA_LOSS naming array and entry.
 absl::Status CheckLists(const VoxelizeResult& result, const std::vector<ArraySpec>& announced);
+// CheckParts of a server's table.
+absl::Status CheckTable(const PartTable& parts);
 
 }  // namespace voxelpipe

@@ -89,7 +89,7 @@ py::tuple Answer(Outcome outcome, const VoxelizeRequest& request) {
   WriteTo(outcome.report, outcome.examined, *summary.mutable_report());
   WriteWarnings(result.stats.warnings, summary);
   summary.set_peak_bytes(int64_t(outcome.peak_bytes));
-  summary.set_result_bytes(int64_t(result.bytes()));
+  summary.set_result_bytes(int64_t(result.bytes() + result.parts.bytes()));
   std::vector<HostBuffer*> in_order;  // stream order: result.h
   if (result.kind == ResultKind::kSparse) in_order = {&result.bricks, &result.masks};
   if (result.kind == ResultKind::kBuckets) in_order = {&result.voxels, &result.offsets, &result.triangles};
@@ -97,6 +97,9 @@ py::tuple Answer(Outcome outcome, const VoxelizeRequest& request) {
   py::list arrays;
   for (HostBuffer* buffer : in_order) arrays.append(Owned(std::move(*buffer)));
   for (DeviceBuffer& buffer : result.device_targets) arrays.append(std::move(buffer));
+  for (const std::span<const uint8_t> array : ArraysOf(result.parts)) {
+    arrays.append(py::array_t<uint8_t>(py::ssize_t(array.size()), array.data()));  // a copy
+  }
   return py::make_tuple(py::bytes(header.SerializeAsString()), arrays, py::bytes(summary.SerializeAsString()));
 }
 

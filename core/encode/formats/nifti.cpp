@@ -146,7 +146,8 @@ class NiftiFile final : public ResultFile {
     return gzip_[0].Write(BytesOf(NiftiHeader(header)), PutPart(0));
   }
 
-  absl::Status Write(size_t /*array*/, std::span<const uint8_t> bytes) override {
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    if (array > 0) return absl::OkStatus();  // the table of parts
     return elements_->Write(bytes, [this](std::span<const uint8_t> plain) {
       if (gzip_.size() == 1) return gzip_[0].Write(plain, PutPart(0));
       return Separate(plain);

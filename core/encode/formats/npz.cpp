@@ -128,9 +128,9 @@ class NpzFile final : public ResultFile {
     if (spec.name == "voxel") return BeginArray("ijk", "<i4", {spec.shape[0], 3}, spec.shape[0] * 12);
     const uint64_t count = CountOf(spec);
     elements_.emplace(spec.type, count);
-    const bool offsets = spec.name == "offset";  // below 2^63, so they have the bytes of int64
-    return BeginArray(offsets ? "offsets" : spec.name, offsets ? "<i8" : NpyDescr(spec.type), spec.shape,
-                      NpyBytes(spec.type, count));
+    // 64-bit numbers are below 2^63, so they have the bytes of int64, which NumPy adds to other integers exactly.
+    const std::string_view descr = spec.type == ElementType::kU64 ? "<i8" : NpyDescr(spec.type);
+    return BeginArray(spec.name == "offset" ? "offsets" : spec.name, descr, spec.shape, NpyBytes(spec.type, count));
   }
 
   absl::Status Close() {

@@ -69,7 +69,8 @@ class NrrdFile final : public ResultFile {
     return file_->Write(BytesOf(GzipHeader()), job_);
   }
 
-  absl::Status Write(size_t /*array*/, std::span<const uint8_t> bytes) override {
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    if (array > 0) return absl::OkStatus();  // the table of parts
     return elements_->Write(bytes, [this](std::span<const uint8_t> plain) { return gzip_[0].Write(plain, Put()); });
   }
 

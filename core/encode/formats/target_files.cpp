@@ -10,6 +10,7 @@
 #include "encode/npy.h"
 #include "encode/raw_description.h"
 #include "job/job_work.h"
+#include "job/part_receiver.h"
 
 namespace voxelpipe {
 namespace {
@@ -20,9 +21,11 @@ class TargetFiles final : public ResultFile {
       : path_(std::move(path)), npy_(npy), job_(job), memory_(&MemoryOf(job)) {}
 
   absl::Status Begin(const ResultHeader& header) override {
-    const std::vector<ArraySpec>& arrays = header.arrays;
+    std::vector<ArraySpec> arrays = header.arrays;
+    arrays.resize(header.specs.size());
     if (absl::Status s = CheckHolds(npy_ ? ".npy" : ".raw", header.kind, header.specs.size()); !s.ok()) return s;
     header_ = header;
+    parts_.Begin(header);
     if (path_.empty() && arrays.size() != 1) {
       return absl::InvalidArgumentError(
           absl::StrCat("standard output: ", arrays.size(), " targets go into an .npz, not into one .npy or .raw"));
@@ -50,6 +53,7 @@ class TargetFiles final : public ResultFile {
   }
 
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    if (parts_.Take(array, bytes)) return absl::OkStatus();
     const auto put = [&](std::span<const uint8_t> piece) { return files_[array].Write(piece, job_); };
     return npy_ ? elements_[array].Write(bytes, put) : put(bytes);
   }
@@ -76,6 +80,7 @@ class TargetFiles final : public ResultFile {
   const JobContext* job_;
   MemoryCharge memory_;
   ResultHeader header_;
+  PartReceiver parts_;
   std::vector<std::string> paths_;
   std::vector<AtomicFile> files_;
   std::vector<NpyElements> elements_;

@@ -17,6 +17,7 @@
 #include "encode/formats/plain_elements.h"
 #include "encode/formats/writers.h"
 #include "job/job_work.h"
+#include "job/part_receiver.h"
 
 namespace voxelpipe {
 namespace {
@@ -40,8 +41,9 @@ class VtiFile final : public ResultFile {
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(".vti", header.kind, header.specs.size()); !s.ok()) return s;
     header_ = header;
+    parts_.Begin(header);
     const uint64_t voxels = header.grid.voxels();
-    for (size_t i = 0; i < header.arrays.size(); ++i) {
+    for (size_t i = 0; i < header.specs.size(); ++i) {
       const ElementType type = header.arrays[i].type;
       const auto components = uint64_t(header.specs[i].components);
       elements_.emplace_back(type, voxels * components);
@@ -74,6 +76,7 @@ class VtiFile final : public ResultFile {
   }
 
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    if (parts_.Take(array, bytes)) return absl::OkStatus();
     return elements_[array].Write(bytes, [this](std::span<const uint8_t> plain) {
       while (!plain.empty()) {
         const std::span<const uint8_t> piece =
@@ -212,6 +215,7 @@ class VtiFile final : public ResultFile {
   const JobContext* job_;
   MemoryCharge memory_;
   ResultHeader header_;
+  PartReceiver parts_;
   std::optional<AtomicFile> file_;
   bool compresses_ = false;
   std::vector<PlainElements> elements_;  // one a target

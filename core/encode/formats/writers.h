@@ -15,7 +15,9 @@ std::unique_ptr<ResultFile> MakeRawFile(const std::string& path, const JobContex
 // Dense: one file a target; bits as uint8 0/1.
 std::unique_ptr<ResultFile> MakeNpyFile(const std::string& path, const JobContext* job);
 // Any kind: target0, target1, ...; sparse: ijk int32 (n, 3) in x, y, z; buckets: ijk, offsets int64 (n + 1), triangle
-// uint32 (m); always dims int64 (3), origin and voxel_size float64 (3), index_to_world float64 (4, 4).
+// uint32 (m); always dims int64 (3), origin and voxel_size float64 (3), index_to_world float64 (4, 4). Of p parts:
+// part_label uint32 (p), part_priority int32 (p), part_triangles, part_open_edges, part_odd_columns, part_voxels int64
+// (p), part_name_offset int64 (p + 1), part_name uint8 (bytes, UTF-8).
 std::unique_ptr<ResultFile> MakeNpzFile(const std::string& path, const JobContext* job);
 // Dense: a cell array a target, "target0", ...; of a planar target one a component, "target0_0", ... Bits as UInt8 0/1,
 // halves as Float32. Compressed with zlib in files, not in streams. Memory: 32 MiB.

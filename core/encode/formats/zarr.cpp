@@ -16,6 +16,7 @@
 #include "encode/formats/zarr_level.h"
 #include "encode/npy.h"
 #include "job/job_work.h"
+#include "job/part_receiver.h"
 
 namespace voxelpipe {
 namespace {
@@ -32,15 +33,16 @@ class ZarrDirectory final : public ResultFile {
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(".zarr", header.kind, header.specs.size()); !s.ok()) return s;
     header_ = header;
+    parts_.Begin(header);
     absl::StatusOr<AtomicDirectory> directory = AtomicDirectory::Create(path_, ".zgroup");
     if (!directory.ok()) return directory.status();
     directory_.emplace(*std::move(directory));
-    const bool several = header.arrays.size() > 1;
+    const bool several = header.specs.size() > 1;
     if (several) {
       if (absl::Status s = WriteJson(".zgroup", {{"zarr_format", 2}}); !s.ok()) return s;
       if (absl::Status s = WriteJson(".zattrs", {{"voxelpipe", Place()}}); !s.ok()) return s;
     }
-    for (size_t i = 0; i < header.arrays.size(); ++i) {
+    for (size_t i = 0; i < header.specs.size(); ++i) {
       Image image;
       image.prefix = several ? header.arrays[i].name + "/" : "";
       image.type = header.arrays[i].type;
@@ -58,6 +60,7 @@ class ZarrDirectory final : public ResultFile {
   }
 
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    if (parts_.Take(array, bytes)) return absl::OkStatus();
     Image& image = images_[array];
     return image.elements->Write(bytes,
                                  [&](std::span<const uint8_t> stored) { return image.levels[0]->Write(stored); });
@@ -161,6 +164,7 @@ class ZarrDirectory final : public ResultFile {
   const JobContext* job_;
   MemoryCharge memory_;
   ResultHeader header_;
+  PartReceiver parts_;
   std::optional<AtomicDirectory> directory_;
   std::vector<Image> images_;  // one a target
 };

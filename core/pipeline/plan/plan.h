@@ -9,6 +9,7 @@
 #include "absl/status/statusor.h"
 #include "base/job_context.h"
 #include "grid/grid_spec.h"
+#include "job/part_table.h"
 #include "job/request.h"
 #include "pipeline/plan/surface.h"
 
@@ -49,6 +50,12 @@ struct Plan {
       1;  // layers of z worked on at a time; at least dims[2] where one slab does. A run may come to take fewer
   uint64_t list_bytes = 0;  // the part of peak_bytes whose lists a run counts as it makes them (list_memory.h)
 };
+
+// Adds the table of a result's parts, which the run holds and the result gets a copy of.
+inline void AddParts(const PartTable& parts, Plan& plan) {
+  plan.result_bytes += parts.bytes();
+  plan.peak_bytes += 2 * parts.bytes();
+}
 
 // Bytes of one dense target over `voxels` voxels.
 uint64_t TargetBytes(const TargetSpec& target, uint64_t voxels);

@@ -10,12 +10,37 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "mesh/parts/open_edges.h"
 #include "pipeline/plan/plan.h"
 #include "shaders/resolve.h"
 #include "shaders/shader_list.h"
 
 namespace voxelpipe {
 namespace {
+
+// Charges the table to bound.parts->memory. Its counts by voxel are 0.
+absl::StatusOr<PartTable> TableOf(const JobContext& job, const TriangleMesh& mesh, const VoxelizeRequest& request,
+                                  const PartList& list) {
+  if (request.parts.scope == PartScope::kWhole || list.parts.empty()) return PartTable();
+  PartShape shape{list.parts.size(), FillsParts(request), 0};
+  for (const Part& part : list.parts) shape.name_bytes += part.name.size();
+  PartTable table = MakePartTable(shape);
+  if (absl::Status full = list.memory->Grow(table.bytes(), "the table of parts"); !full.ok()) return full;
+  if (shape.filled) {
+    absl::StatusOr<std::vector<uint64_t>> open = CountOpenEdges(job, mesh, list);
+    if (!open.ok()) return open.status();
+    table.open_edges = *std::move(open);
+  }
+  for (size_t i = 0; i < list.parts.size(); ++i) {
+    const Part& part = list.parts[i];
+    table.label[i] = part.label;
+    table.priority[i] = part.priority;
+    table.triangles[i] = part.triangle_count;
+    table.name_offset[i + 1] = table.name_offset[i] + part.name.size();
+    std::copy(part.name.begin(), part.name.end(), table.name.begin() + ptrdiff_t(table.name_offset[i]));
+  }
+  return table;
+}
 
 absl::Status BindParts(const JobContext& job, const TriangleMesh& mesh, BoundRequest& bound) {
   const PartSelection& selection = bound.request.parts;
@@ -25,6 +50,9 @@ absl::Status BindParts(const JobContext& job, const TriangleMesh& mesh, BoundReq
   if (!selection.exclude.empty() && !mesh.parts_left_out) {
     return absl::InternalError("parts are to be left out, and the mesh has them all (ExcludeParts)");
   }
+  absl::StatusOr<PartTable> table = TableOf(job, mesh, bound.request, *parts);
+  if (!table.ok()) return table.status();
+  bound.part_table = *std::move(table);
   bound.parts = std::make_shared<const PartList>(*std::move(parts));
   return absl::OkStatus();
 }

@@ -40,6 +40,8 @@ struct BoundRequest {
   std::vector<BoundShader> fragment_shaders;  // one a target
   bool bodies_move = false;                   // HasMotions of the mesh
   std::shared_ptr<const PartList> parts;      // null: the request does not cut the mesh into parts
+  // What the result says of the parts, but for what the run counts. Empty without parts, or if they are `whole`.
+  PartTable part_table;
 };
 
 // Layers begin <= z < end of the grid; both multiples of kSlabGranularity, but for the last slab's end.
@@ -54,6 +56,8 @@ struct SlabCounts {
   uint64_t occupied = 0;              // voxels with a fragment or filled
   std::optional<uint64_t> fragments;  // absent where a path does not count them
   uint64_t odd_columns = 0;
+  // Where parts are filled, by rank; else empty. odd_columns is the sum of the first. Voxels: see PartTable::voxels.
+  std::vector<uint64_t> part_odd_columns, part_voxels;
 };
 
 // The arrays of a slab that may still be on their way from the device. At its end it waits for them.

@@ -160,7 +160,7 @@ TEST_P(EachFormat, WritesTheKindsThatItHoldsAndRefusesOthers) {
     GridSpec grid;
     grid.dims = {3, 4, 5};
     VoxelizeResult result = AllocateResult(MakeResultHeader(request, grid, 1, 2, 2)).value();
-    for (HostBuffer* array : MutableArraysOf(result)) std::memset(array->data(), 0, array->size());
+    for (const auto array : MutableArraysOf(result)) std::memset(array.data(), 0, array.size());
     if (kind == ResultKind::kSparse) result.masks.data()[8] = 5;  // (0, 0, 1) and (2, 0, 1)
     if (kind == ResultKind::kBuckets) {
       const std::array<uint64_t, 2> voxels = {7, 20};

@@ -58,7 +58,7 @@ VoxelizeResult ResultOf(ResultKind kind, const std::set<Voxel>& voxels) {
   for (uint64_t n = 0; n <= voxels.size(); ++n) offsets.push_back(n);
   VoxelizeResult result =
       AllocateResult(MakeResultHeader(request, grid, bricks.size(), voxels.size(), voxels.size())).value();
-  for (HostBuffer* array : MutableArraysOf(result)) std::memset(array->data(), 0, array->size());
+  for (const auto array : MutableArraysOf(result)) std::memset(array.data(), 0, array.size());
   if (kind == ResultKind::kBuckets) {
     std::memcpy(result.voxels.data(), places.data(), result.voxels.size());
     std::memcpy(result.offsets.data(), offsets.data(), result.offsets.size());

@@ -1,0 +1,19 @@
+#include "job/part_receiver.h"
+
+#include <algorithm>
+#include <vector>
+
+namespace voxelpipe {
+
+bool PartReceiver::Take(size_t array, std::span<const uint8_t> bytes) {
+  if (array < first_ || table_.empty()) return false;
+  if (array != std::exchange(array_, array)) offset_ = 0;
+  const std::vector<std::span<uint8_t>> arrays = ArraysOf(table_);
+  const std::span<uint8_t> to = arrays[std::min(array - first_, arrays.size() - 1)];
+  const uint64_t count = std::min<uint64_t>(bytes.size(), to.size() - offset_);
+  std::copy_n(bytes.begin(), count, to.begin() + ptrdiff_t(offset_));
+  offset_ += count;
+  return true;
+}
+
+}  // namespace voxelpipe
