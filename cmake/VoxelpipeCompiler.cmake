@@ -52,7 +52,5 @@ if(VOXELPIPE_SANITIZE)
     $<$<AND:$<COMPILE_LANGUAGE:CXX>,$<CXX_COMPILER_ID:GNU>>:-Wno-maybe-uninitialized>)
   if(VOXELPIPE_SANITIZE MATCHES undefined)
     target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fno-sanitize-recover=undefined>)
-    # Its check of an object's type asks the kernel through a pipe, which the processes that load meshes may not open.
-    target_compile_options(voxelpipe_flags INTERFACE $<$<COMPILE_LANGUAGE:CXX>:-fno-sanitize=vptr>)
   endif()
 endif()

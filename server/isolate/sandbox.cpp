@@ -65,6 +65,12 @@ int AddRules(scmp_filter_ctx filter) {
   for (const int call : kAllowed) {
     if (const int error = seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 0); error != 0) return error;
   }
+  // UndefinedBehaviorSanitizer asks whether an address can be read by writing from it into a pipe of its own.
+  if (IsSanitizedBuild()) {
+    for (const int call : {SCMP_SYS(pipe), SCMP_SYS(pipe2)}) {
+      if (const int error = seccomp_rule_add(filter, SCMP_ACT_ALLOW, call, 0); error != 0) return error;
+    }
+  }
   // No executable memory.
   const scmp_arg_cmp not_executable = SCMP_A2(SCMP_CMP_MASKED_EQ, PROT_EXEC, 0);
   for (const int call : {SCMP_SYS(mmap), SCMP_SYS(mprotect)}) {
