@@ -21,21 +21,21 @@ struct CellSpan {
   float first_outer, first_inner, last_outer, last_inner;
 };
 
-// Rounding by a magic number: after adding kWhole, integers of less than 22 bits are in the low bits of the float.
+// Rounding by a magic number: after adding kToInteger, integers of less than 22 bits are in the low bits of the float.
 // Larger values keep their magnitude approximately. On a device, rounding up or down is then a single addition.
-inline constexpr float kWhole = 0x1.8p23f;
+inline constexpr float kToInteger = 0x1.8p23f;
 VOXELPIPE_HD float WholeFrom(float v) {  // the smallest integer >= v
 #if defined(__CUDA_ARCH__)
-  return __fadd_ru(v, kWhole);
+  return __fadd_ru(v, kToInteger);
 #else
-  return ceilf(v) + kWhole;
+  return ceilf(v) + kToInteger;
 #endif
 }
 VOXELPIPE_HD float WholeUpto(float v) {  // the largest integer <= v
 #if defined(__CUDA_ARCH__)
-  return __fadd_rd(v, kWhole);
+  return __fadd_rd(v, kToInteger);
 #else
-  return floorf(v) + kWhole;
+  return floorf(v) + kToInteger;
 #endif
 }
 VOXELPIPE_HD int32_t WholeBits(float whole) {
@@ -183,8 +183,8 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
     const float from_y = WholeFrom(rows.first_outer), upto_y = WholeUpto(rows.last_outer);
     if (from_y > upto_y) continue;
     // Certain if the inner bounds contain the same integers.
-    float y = from_y - kWhole;
-    if (y < rows.first_inner || upto_y - kWhole > rows.last_inner) return false;
+    float y = from_y - kToInteger;
+    if (y < rows.first_inner || upto_y - kToInteger > rows.last_inner) return false;
     to.Layer(k);
     const float plane_c = fmaf(-plane.s, z, plane.c);
     int j = IntOf(from_y) - y_lo, last_j = IntOf(upto_y) - y_lo;
@@ -197,7 +197,7 @@ VOXELPIPE_HD bool VisitCells(const int (&v)[3][3], const FixedBox& box, const in
         const float from = fmaxf(fmaxf(shared->first_inner, layer.first_inner), c - plane.inner);
         const float upto = fminf(fminf(shared->last_inner, layer.last_inner), c + plane.inner);
         // Branch-free, because a branch would cost every row more: an uncertain row has no voxels and ends the loop.
-        const bool doubt = first - kWhole < from || last - kWhole > upto;
+        const bool doubt = first - kToInteger < from || last - kToInteger > upto;
         last_j = doubt ? -1 : last_j;
         to.Row(j, IntOf(first), doubt ? 0 : CountOf(first, last));
       }

@@ -244,7 +244,7 @@ TEST(WholeNumbersTest, AreTheNearestOfEitherSide) {
     const float above = WholeFrom(v), below = WholeUpto(v);
     EXPECT_EQ(IntOf(above), int(std::ceil(v))) << v;
     EXPECT_EQ(IntOf(below), int(std::floor(v))) << v;
-    EXPECT_EQ(above - kWhole, std::ceil(v)) << v;
+    EXPECT_EQ(above - kToInteger, std::ceil(v)) << v;
     EXPECT_EQ(CountOf(below, above), IntOf(above) - IntOf(below) + 1) << v;
   }
   // Bounds that bound nothing stay beyond all others.
