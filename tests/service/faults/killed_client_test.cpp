@@ -26,8 +26,8 @@ namespace {
 constexpr char kUploadMesh[] = "/voxelpipe.v1.VoxelizationService/UploadMesh";
 constexpr int kQueue = 8;
 
-// gRPC's pollers, which come and go, at most one a CPU and two. One thread a death would be a thousand.
-const int64_t kThreadsThatComeAndGo = std::thread::hardware_concurrency() + 2;
+// gRPC's pollers, which come and go, at most one a CPU, or two. One thread a death would be a thousand.
+const int64_t kThreadsThatComeAndGo = std::max(2u, std::thread::hardware_concurrency());
 
 // 64 MiB: far more than all the buffers between us.
 VoxelizeRequest LargeResult() {
