@@ -93,12 +93,16 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint
     prepared->stages = {{"load", loaded->load_ms}, {"flatten", loaded->flatten_ms}};
     prepared->peak_bytes = loaded->peak_bytes;
     if (absl::Status s = LeaveOutParts(config, job, *prepared); !s.ok()) return s;
-    const absl::StatusOr<MeshReport> report =
-        prepared->examined ? ReportMesh(job, *prepared->mesh) : BoxReport(job, *prepared->mesh);
-    if (!report.ok()) return report.status();
-    prepared->report = *report;
+    if (absl::Status s = SetReport(job, *prepared); !s.ok()) return s;
     return prepared;
   });
+}
+
+absl::Status SetReport(const JobContext& job, PreparedMesh& prepared) {
+  const absl::StatusOr<MeshReport> report =
+      prepared.examined ? ReportMesh(job, *prepared.mesh) : BoxReport(job, *prepared.mesh);
+  if (report.ok()) prepared.report = *report;
+  return report.status();
 }
 
 absl::Status LeaveOutParts(const ParsedConfig& config, const JobContext& job, PreparedMesh& prepared) {

@@ -62,6 +62,9 @@ struct JobOutcome {
 absl::StatusOr<std::shared_ptr<const PreparedMesh>> PrepareMesh(std::vector<uint8_t> file, const ParsedConfig& config,
                                                                 const JobLimits& limits, const JobContext& job);
 
+// Sets the report of a mesh that this job alone has. Errors: those of ReportMesh.
+absl::Status SetReport(const JobContext& job, PreparedMesh& prepared);
+
 // Leaves out the parts that the request excludes. The mesh is then this job's own, charged to it. Without such parts
 // nothing changes. To be called before the mesh is reported. Errors: those of ExcludeParts.
 absl::Status LeaveOutParts(const ParsedConfig& config, const JobContext& job, PreparedMesh& prepared);

@@ -13,7 +13,6 @@
 #include "base/limit_error.h"
 #include "mesh/mesh_bytes.h"
 #include "mesh/placed_mesh.h"
-#include "mesh/report.h"
 #include "shaders/catalog.h"
 #include "wire/placed.h"
 
@@ -40,14 +39,6 @@ absl::StatusOr<std::shared_ptr<const TriangleMesh>> WithPositions(MeshStore& sto
 
 TextureUse TexturesOf(const ParsedConfig& config) {
   return RequestReadsTextures(config.request) ? TexturesRead(config.request) : TextureUse{};
-}
-
-// Sets the report of a mesh that this job alone has.
-absl::Status Report(const JobContext& job, PreparedMesh& prepared) {
-  const absl::StatusOr<MeshReport> report =
-      prepared.examined ? ReportMesh(job, *prepared.mesh) : BoxReport(job, *prepared.mesh);
-  if (report.ok()) prepared.report = *report;
-  return report.status();
 }
 
 // The meshes of the list with their textures. Charged to `charge`.
@@ -92,7 +83,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> PreparePlaced(MeshStore& sto
   const std::chrono::duration<double, std::milli> time = std::chrono::steady_clock::now() - begin;
   prepared->stages.emplace_back("load", time.count());
   job.Report("load", 1);
-  if (absl::Status s = Report(job, *prepared); !s.ok()) return s;
+  if (absl::Status s = SetReport(job, *prepared); !s.ok()) return s;
   return prepared;
 }
 
@@ -113,7 +104,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   prepared->examined = config.request.fill != Fill::kNone;
   if (!config.new_positions && !config.request.parts.exclude.empty()) {
     if (absl::Status s = LeaveOutParts(config, job, *prepared); !s.ok()) return s;
-    if (absl::Status s = Report(job, *prepared); !s.ok()) return s;
+    if (absl::Status s = SetReport(job, *prepared); !s.ok()) return s;
     return prepared;
   }
   if (!config.new_positions) {
@@ -138,7 +129,7 @@ absl::StatusOr<std::shared_ptr<const PreparedMesh>> Prepare(MeshStore& store, Ke
   const std::chrono::duration<double, std::milli> load_time = std::chrono::steady_clock::now() - begin;
   prepared->stages.emplace_back("load", load_time.count());
   job.Report("load", 1);
-  if (absl::Status s = Report(job, *prepared); !s.ok()) return s;
+  if (absl::Status s = SetReport(job, *prepared); !s.ok()) return s;
   return prepared;
 }
 
