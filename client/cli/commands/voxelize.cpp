@@ -109,7 +109,7 @@ struct Runs {
   std::vector<OutputPlan> plans;
 };
 
-absl::StatusOr<Together> TogetherOf(const VoxelizeArguments& arguments) {
+absl::StatusOr<Together> ReadMeshes(const VoxelizeArguments& arguments) {
   if (arguments.together != kTogetherInputs) {
     if (FileExtension(arguments.together) != ".json") {
       return absl::InvalidArgumentError(absl::StrCat("--together: '", arguments.together, "' is no LIST.json"));
@@ -123,7 +123,7 @@ absl::StatusOr<Together> TogetherOf(const VoxelizeArguments& arguments) {
   if (!inputs.ok()) return inputs.status();
   std::vector<std::string> paths;
   for (const InputFile& file : inputs->files) paths.push_back(file.path);
-  return cli::TogetherOf(paths);
+  return TogetherOf(paths);
 }
 
 absl::StatusOr<Runs> PlanRuns(const VoxelizeArguments& arguments, const VoxelizeRequest& request) {
@@ -140,7 +140,7 @@ absl::StatusOr<Runs> PlanRuns(const VoxelizeArguments& arguments, const Voxelize
     runs.plans = *std::move(plans);
     return runs;
   }
-  absl::StatusOr<Together> together = TogetherOf(arguments);
+  absl::StatusOr<Together> together = ReadMeshes(arguments);
   if (!together.ok()) return together.status();
   for (const std::string& path : together->paths) {  // the output is none of the inputs
     const absl::StatusOr<std::vector<OutputPlan>> plans = plan({{{path, "together"}}, false});

@@ -165,7 +165,7 @@ bool Match(std::string_view pattern, std::string_view name, const GoOn& go_on) {
   return p == pattern.size();
 }
 
-// Compares names with patterns, both of strangers, while the job goes on: a long pattern takes as many steps as the
+// Compares names with patterns, both untrusted input, while the job goes on: a long pattern takes as many steps as the
 // product of the lengths.
 class Matcher {
  public:
