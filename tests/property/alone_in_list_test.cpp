@@ -22,8 +22,6 @@ using nlohmann::json;
 using testing::ByteVector;
 using testing::GlbBuilder;
 using testing::ParseJson;
-using Arrays = std::vector<std::vector<uint8_t>>;
-
 struct Kind {
   std::string name;
   std::vector<std::string> options;  // of the command line
@@ -143,18 +141,15 @@ TriangleMesh Flat(const ByteVector& glb) {
   return *std::move(mesh);
 }
 
-Arrays BytesOf(const TriangleMesh& mesh, const VoxelizeRequest& request) {
-  const VoxelizeResult result = testing::RunPipeline(mesh, request);
-  Arrays arrays;
-  for (const auto& bytes : ArraysOf(result)) arrays.emplace_back(bytes.begin(), bytes.end());
-  return arrays;
+testing::Arrays BytesOf(const TriangleMesh& mesh, const VoxelizeRequest& request) {
+  return testing::CopyArrays(testing::RunPipeline(mesh, request));
 }
 
 // Memory that other runs have used and given back must not show.
 TEST(AloneInProcess, AfterOthersAndBesideThem) {
   std::vector<TriangleMesh> meshes;
   for (const ByteVector& glb : Meshes()) meshes.push_back(Flat(glb));
-  std::vector<Arrays> alone;
+  std::vector<testing::Arrays> alone;
   for (size_t job = 0; job < meshes.size() * kRequests; ++job) {
     alone.push_back(BytesOf(meshes[job / kRequests], RequestOf(job % kRequests)));
     ASSERT_FALSE(alone.back().empty());

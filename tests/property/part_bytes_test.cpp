@@ -15,21 +15,6 @@ namespace {
 
 using namespace testing;
 
-using Arrays = std::vector<std::vector<uint8_t>>;
-
-class KeepArrays final : public ResultSink {
- public:
-  absl::Status Begin(const ResultHeader& header) override {
-    arrays.resize(header.arrays.size());
-    return absl::OkStatus();
-  }
-  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
-    arrays.at(array).insert(arrays[array].end(), bytes.begin(), bytes.end());
-    return absl::OkStatus();
-  }
-  Arrays arrays;
-};
-
 struct Way {
   SimdChoice simd = SimdChoice::kScalar;
   int threads = 1;
@@ -59,7 +44,7 @@ Arrays BytesOf(const TriangleMesh& mesh, VoxelizeRequest request, const Way& way
     const auto result = Voxelize(mesh, request, {job, way.limits});
     EXPECT_TRUE(result.ok()) << result.status();
     if (!result.ok()) return arrays;
-    for (const auto& bytes : ArraysOf(*result)) arrays.emplace_back(bytes.begin(), bytes.end());
+    arrays = CopyArrays(*result);
     counts = CountsOf(result->stats);
   }
   arrays.emplace_back(counts.begin(), counts.end());

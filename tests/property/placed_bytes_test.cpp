@@ -17,12 +17,9 @@ namespace {
 
 using namespace testing;
 
-using Arrays = std::vector<std::vector<uint8_t>>;
-
 Arrays BytesOf(const TriangleMesh& mesh, const VoxelizeRequest& request) {
   const VoxelizeResult result = RunPipeline(mesh, request);
-  Arrays arrays;
-  for (const auto& bytes : ArraysOf(result)) arrays.emplace_back(bytes.begin(), bytes.end());
+  Arrays arrays = CopyArrays(result);
   const std::string counts = std::to_string(result.stats.occupied) + " " +
                              std::to_string(result.stats.odd_columns.value_or(0)) + " " +
                              std::to_string(result.stats.triangles_outside);

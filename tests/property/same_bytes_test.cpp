@@ -16,21 +16,6 @@ namespace {
 
 using namespace testing;
 
-using Arrays = std::vector<std::vector<uint8_t>>;
-
-class KeepArrays final : public ResultSink {
- public:
-  absl::Status Begin(const ResultHeader& header) override {
-    arrays.resize(header.arrays.size());
-    return absl::OkStatus();
-  }
-  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
-    arrays.at(array).insert(arrays[array].end(), bytes.begin(), bytes.end());
-    return absl::OkStatus();
-  }
-  Arrays arrays;
-};
-
 // One way of running a request.
 struct Way {
   SimdChoice simd;
@@ -53,10 +38,7 @@ Arrays BytesOf(const TriangleMesh& mesh, VoxelizeRequest request, const Way& way
   }
   const auto result = Voxelize(mesh, request, {job, limits});
   EXPECT_TRUE(result.ok()) << result.status();
-  Arrays arrays;
-  if (!result.ok()) return arrays;
-  for (const auto& bytes : ArraysOf(*result)) arrays.emplace_back(bytes.begin(), bytes.end());
-  return arrays;
+  return result.ok() ? CopyArrays(*result) : Arrays();
 }
 
 constexpr Way kPlain = {SimdChoice::kScalar, 1, 0, false};

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <vector>
 
 #include "gtest/gtest.h"
@@ -39,6 +40,29 @@ inline absl::Status RunError(const TriangleMesh& mesh, const VoxelizeRequest& re
   const JobContext job;
   return Voxelize(mesh, request, {job, limits}).status();
 }
+
+using Arrays = std::vector<std::vector<uint8_t>>;
+
+// Copies of the arrays of a result, in stream order.
+inline Arrays CopyArrays(const VoxelizeResult& result) {
+  Arrays arrays;
+  for (const auto& bytes : ArraysOf(result)) arrays.emplace_back(bytes.begin(), bytes.end());
+  return arrays;
+}
+
+// Keeps the arrays of a streamed result.
+class KeepArrays final : public ResultSink {
+ public:
+  absl::Status Begin(const ResultHeader& header) override {
+    arrays.resize(header.arrays.size());
+    return absl::OkStatus();
+  }
+  absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
+    arrays.at(array).insert(arrays[array].end(), bytes.begin(), bytes.end());
+    return absl::OkStatus();
+  }
+  Arrays arrays;
+};
 
 inline bool BitAt(const HostBuffer& bits, uint64_t n) {
   return (bits.data()[n / 8] >> (n % 8)) & 1;
