@@ -6,6 +6,7 @@
 #include <memory>
 
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "cpu/base/pair_blocks.h"
@@ -36,7 +37,7 @@ struct CpuTarget {
   double scale = 1;           // of f32 outputs into integers
   uint32_t clear_stored = 0;  // as stored in the format
   FillValue fill;
-  std::vector<FillValue> part_fills;  // by rank, where the fill differs from part to part; else empty
+  std::span<const FillValue> part_fills;  // by rank, where the fill differs from part to part; else empty
   // Holds the owner's fragment alone: `replace` where parts are filled.
   bool of_owner = false;
   bool ids_unordered = false;  // triangles do not come by id: parts are filled
@@ -75,6 +76,10 @@ struct RunState : HostMesh {
   HostArray<uint64_t> pairs;               // (tile << 32) | triangle, after it
   std::vector<TileRun> runs;               // by ascending tile
   BitGrid outside;                         // flood fill: the voxels reached from outside, set by the first slab
+
+  // Of each target, see CpuTarget::part_fills; from the first slab on. Charged.
+  std::optional<std::vector<std::vector<FillValue>>> part_fills;
+  MemoryCharge part_fills_memory;
 
   // BeginSlab: the members below hold the slab's layers only; SlabRow numbers its rows
   Slab slab;

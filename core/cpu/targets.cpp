@@ -31,6 +31,22 @@ absl::Status Allocate(CpuTarget& target, const RunState& state) {
   return absl::OkStatus();
 }
 
+// Once a run.
+absl::Status MakePartFills(RunState& state) {
+  if (state.part_fills) return absl::OkStatus();
+  state.part_fills_memory = MemoryCharge(&MemoryOf(state.job));
+  state.part_fills.emplace(state.request.request.targets.size());
+  const std::vector<RigidMotionNumbers> motions = MotionsByRank(state.mesh, state.request);
+  for (size_t i = 0; i < state.part_fills->size(); ++i) {
+    if (!FillsByPart(state.request, i)) continue;
+    const uint64_t bytes = state.request.parts->parts.size() * sizeof(FillValue);
+    absl::Status full = state.part_fills_memory.Grow(bytes, "the values inside of parts");
+    if (!full.ok()) return full;
+    (*state.part_fills)[i] = PartFillValues(state.request, i, state.view, motions, state.grid);
+  }
+  return absl::OkStatus();
+}
+
 constexpr int64_t kPackBytes = 256 << 10;  // between two checks of the job
 
 absl::Status PackBitTarget(const RunState& state, const CpuTarget& target, HostBuffer& out) {
@@ -75,6 +91,7 @@ bool PlainBits(const HostMesh& mesh, const GridSpec& grid) {
 }
 
 absl::Status BeginSlab(RunState& state, const Slab& slab) {
+  if (absl::Status s = MakePartFills(state); !s.ok()) return s;
   state.slab = slab;
   state.slab_dims = {state.dims[0], state.dims[1], slab.depth()};
   state.targets.clear();
@@ -114,10 +131,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     if (target.of_owner) target.is_occupancy = false;  // the owner may have no fragment where others have
     target.own_presence = TraitsOf(target.shader).can_discard || target.of_owner;
     target.ids_unordered = state.by_parts;
-    if (FillsByPart(state.request, i)) {
-      target.part_fills =
-          PartFillValues(state.request, i, state.view, MotionsByRank(state.mesh, state.request), state.grid);
-    }
+    target.part_fills = (*state.part_fills)[i];
     state.needs_ranks = state.needs_ranks || target.of_owner || !target.part_fills.empty();
     if (!buckets) {
       if (absl::Status s = Allocate(target, state); !s.ok()) return s;

@@ -30,6 +30,13 @@ void StoreNumber(double number, const TargetSpec& spec, uint32_t& stored) {
   stored = StoredBits(NumberToCell(number, spec.format), spec.format);
 }
 
+// The motion of the vertex shader at each voxel's centre.
+void SetMotion(const BoundRequest& request, FillValue& fill) {
+  fill.kind = FillValue::Kind::kVelocity;
+  std::copy_n(request.vertex_shader.params.value + OwnParameters(VertexShaderId(request.vertex_shader.id)),
+              RigidMotion::kParameters, fill.parameters);
+}
+
 // The same output in all voxels.
 void StoreOutput(const FragmentOutput& out, FillValue& fill) {
   for (int c = 0; c < 4; ++c) {
@@ -79,9 +86,9 @@ bool HasFillValue(const VoxelizeRequest& request, const TargetSpec& spec, bool b
 }
 
 FillValue VelocityFillValue(const BoundRequest& request, size_t index, const GridSpec& grid) {
-  BoundRequest still = request;
-  still.bodies_move = false;
-  return FillValueOf(still, index, grid);
+  FillValue fill = FillValueOf(request, index, grid);
+  if (!GivesVelocities(request.request.vertex_shader)) SetMotion(request, fill);
+  return fill;
 }
 
 FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec& grid) {
@@ -124,11 +131,7 @@ FillValue FillValueOf(const BoundRequest& request, size_t index, const GridSpec&
       fill.kind = FillValue::Kind::kChecker;
       std::copy_n(shader.params.value, 3, fill.parameters);
       return fill;
-    case FragmentShaderId::kVelocity:
-      fill.kind = FillValue::Kind::kVelocity;
-      std::copy_n(request.vertex_shader.params.value + OwnParameters(VertexShaderId(request.vertex_shader.id)),
-                  RigidMotion::kParameters, fill.parameters);
-      return fill;
+    case FragmentShaderId::kVelocity: SetMotion(request, fill); return fill;
     default: return fill;  // has no fill value
   }
 }
