@@ -229,7 +229,7 @@ absl::Status FindOwners(RunState& state) {
 }
 
 absl::Status SolidFill(RunState& state) {
-  if (JoinsCoverage(state)) return Inside(state, state.coverage, true);
+  if (JoinsCoverage(state) && state.inside.empty()) return Inside(state, state.coverage, true);
   // A flood comes first: the grid of its shell goes back to the pool, from which that of the inside is taken.
   if (state.request.request.fill == Fill::kFlood) {
     if (absl::Status s = FindOutside(state); !s.ok()) return s;

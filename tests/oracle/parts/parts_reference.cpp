@@ -405,6 +405,36 @@ uint32_t Fragments::Value(uint64_t voxel, size_t i, size_t target, int c) const 
   return StoredAt(buckets_.targets[target], spec.format, place);
 }
 
+namespace {
+
+// In: of each part the voxels that it owns as far as is decided, and the number of the others.
+void ExpectTable(const Assembly& assembly, const ReferenceParts& cut, const PartTable& table,
+                 const std::vector<uint64_t>& owned, uint64_t undecided, const std::string& what) {
+  ASSERT_EQ(table.size(), cut.parts.size()) << what;
+  for (size_t p = 0; p < cut.parts.size(); ++p) {
+    const ReferencePart& part = cut.parts[p];
+    uint64_t triangles = 0;
+    bool closed = true;
+    for (const size_t b : part.bodies) {
+      triangles += assembly.bodies[b].body.triangles.size();
+      closed = closed && assembly.bodies[b].body.closed;
+    }
+    EXPECT_EQ(table.label[p], part.label) << what << ", part " << p;
+    EXPECT_EQ(table.priority[p], part.priority) << what << ", part " << p;
+    EXPECT_EQ(table.Name(p), part.name) << what << ", part " << p;
+    EXPECT_EQ(table.triangles[p], triangles) << what << ", part " << p;
+    if (closed) {
+      EXPECT_EQ(table.open_edges[p], 0u) << what << ", part " << p;
+      EXPECT_EQ(table.odd_columns[p], 0u) << what << ", part " << p;
+    }
+    if (HasMask(assembly)) continue;  // the lists of fragments lack those that every target discards
+    EXPECT_GE(table.voxels[p], owned[p]) << what << ", part " << p;
+    EXPECT_LE(table.voxels[p], owned[p] + undecided) << what << ", part " << p;
+  }
+}
+
+}  // namespace
+
 double ExpectByParts(const Assembly& assembly, const Solids& solids, const Fragments& fragments,
                      const VoxelizeRequest& request, const GridSpec& grid, const std::string& what) {
   const VoxelizeResult result = RunPipeline(assembly.mesh, request);
@@ -412,12 +442,15 @@ double ExpectByParts(const Assembly& assembly, const Solids& solids, const Fragm
   if (!(result.grid == grid)) return 0;
   const Comparison comparison(assembly, solids, fragments, request, grid);
   const Values values(result);
+  const ReferenceParts cut = CutParts(assembly, request.parts);
+  std::vector<uint64_t> owned(cut.parts.size());
   uint64_t wrong = 0, decided = 0, occupied = 0;
   for (uint64_t n = 0; n < grid.voxels(); ++n) {
     const Expected e = comparison.Of(n);
     if (!e.decided) continue;
     ++decided;
     occupied += e.covered || e.inside;
+    if (e.owner) ++owned[*e.owner];
     const auto fail = [&](const std::string& message) {
       if (++wrong <= 2) ADD_FAILURE() << what << ": voxel " << n << " " << message << "; " << comparison.Describe(n);
     };
@@ -439,6 +472,11 @@ double ExpectByParts(const Assembly& assembly, const Solids& solids, const Fragm
     }
   }
   EXPECT_EQ(wrong, 0u) << what;
+  if (request.parts.scope == PartScope::kWhole) {
+    EXPECT_TRUE(result.parts.empty()) << what;
+  } else {
+    ExpectTable(assembly, cut, result.parts, owned, grid.voxels() - decided, what);
+  }
   EXPECT_GE(result.stats.occupied, occupied) << what;
   EXPECT_LE(result.stats.occupied, occupied + grid.voxels() - decided) << what;
   uint64_t pairs = 0;
