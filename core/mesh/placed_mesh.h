@@ -29,6 +29,8 @@ struct PlacedMesh {
   std::optional<uint32_t> label{};             // at least 1; absent: its number in the list, from 1
   int32_t priority = 0;                        // of the parts that it has
   std::optional<RigidMotionNumbers> motion{};  // of its triangles, after placing; absent: it does not move
+  // CountOpenEdges (report.h) of `mesh`, where the caller knows it: a frame of kept meshes then counts no edges.
+  std::optional<uint64_t> open_edges{};
 };
 
 // INVALID_ARGUMENT if a matrix is not as PlacedMesh says, naming the number that is wrong.

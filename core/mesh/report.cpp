@@ -1,5 +1,6 @@
 #include "mesh/report.h"
 
+#include <algorithm>
 #include <atomic>
 #include <vector>
 
@@ -33,9 +34,17 @@ absl::StatusOr<std::vector<uint64_t>> ListEdges(const JobContext& job, const Tri
   return edges;
 }
 
+// True if the mesh is known to consist of placed meshes that are closed. To weld one with another adds even numbers.
+bool IsOfClosedMeshes(const TriangleMesh& mesh) {
+  return !mesh.placed.empty() && std::all_of(mesh.placed.begin(), mesh.placed.end(), [](const PlacedEntry& placed) {
+    return placed.open_edges == uint64_t{0};
+  });
+}
+
 }  // namespace
 
 absl::StatusOr<uint64_t> CountOpenEdges(const JobContext& job, const TriangleMesh& mesh) {
+  if (IsOfClosedMeshes(mesh)) return 0;
   MemoryCharge charge(&MemoryOf(job));
   const uint64_t bytes = mesh.positions.size() * kWeldBytes + mesh.triangles.size() * 3 * sizeof(uint64_t);
   if (absl::Status full = charge.Grow(bytes, "looking for open edges"); !full.ok()) return full;

@@ -54,6 +54,7 @@ struct PlacedEntry {
   // Its names, and the ids of its first node and mesh here.
   std::shared_ptr<const SceneNames> names;
   uint32_t first_node = 0, first_mesh = 0;
+  std::optional<uint64_t> open_edges;  // of the mesh alone, where that is known
 };
 
 // Structure of arrays. Triangle ids count from 0 over the flattened scene: default scene, depth first, node, instance,

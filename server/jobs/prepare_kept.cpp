@@ -61,6 +61,10 @@ absl::StatusOr<std::vector<PlacedMesh>> ListPlaced(MeshStore& store, KeptMeshes 
     }
     const PlacedStored& from = list[i];
     meshes.push_back({*std::move(mesh), from.matrix, from.name, from.label, from.priority, from.motion});
+    if (config.request.fill == Fill::kNone) continue;
+    const absl::StatusOr<KeptMesh::Facts> facts = kept[i]->Examine(job);
+    if (!facts.ok()) return facts.status();
+    meshes.back().open_edges = facts->report.open_edges;
   }
   return meshes;
 }

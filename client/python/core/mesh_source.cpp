@@ -101,7 +101,7 @@ absl::StatusOr<std::unique_ptr<UsedMesh>> UsedMesh::Open(const MeshSource& sourc
   const VoxelizeRequest& request = config.request;
   std::unique_ptr<UsedMesh> used(new UsedMesh);
   if (config.placed) {
-    if (absl::Status s = used->Place(source, *config.placed, TexturesRead(request), job); !s.ok()) return s;
+    if (absl::Status s = used->Place(source, *config.placed, request, job); !s.ok()) return s;
   } else if (source.held) {
     if (absl::Status s = used->Hold(source, TexturesRead(request), job); !s.ok()) return s;
   } else {
@@ -168,15 +168,22 @@ absl::Status UsedMesh::LeaveOut(const PartSelection& parts, const JobContext& jo
   return absl::OkStatus();
 }
 
-absl::Status UsedMesh::Place(const MeshSource& source, std::span<const PlacedStored> placed, const TextureUse& textures,
-                             const JobContext& job) {
+absl::Status UsedMesh::Place(const MeshSource& source, std::span<const PlacedStored> placed,
+                             const VoxelizeRequest& request, const JobContext& job) {
+  const TextureUse textures = TexturesRead(request);
+  const Fill fill = request.fill;
   held_ = source.several;
   std::sort(held_.begin(), held_.end());  // every job locks in one order, so that no two wait for each other
   held_.erase(std::unique(held_.begin(), held_.end()), held_.end());
   std::unordered_map<std::string_view, std::shared_ptr<const TriangleMesh>> by_name;
+  std::unordered_map<std::string_view, uint64_t> open_edges;  // counted once for each mesh, where something is filled
   for (const std::shared_ptr<HeldMesh>& held : held_) {
     if (absl::Status s = held->Prepare(textures, job); !s.ok()) return s;
     by_name.emplace(held->name_, std::shared_ptr<const TriangleMesh>(held, &held->mesh_));  // shared, not copied
+    if (fill == Fill::kNone) continue;
+    const absl::StatusOr<MeshReport> report = held->Examined(job);
+    if (!report.ok()) return report.status();
+    open_edges.emplace(held->name_, report->open_edges);
   }
   for (const std::shared_ptr<HeldMesh>& held : held_) {
     locks_.emplace_back(held->mutex_);  // until the job has ended: the placed mesh shares their images
@@ -190,6 +197,8 @@ absl::Status UsedMesh::Place(const MeshSource& source, std::span<const PlacedSto
     const auto mesh = by_name.find(one.mesh);
     if (mesh == by_name.end()) return MissingMeshError(one.mesh);
     meshes.push_back({mesh->second, one.matrix, one.name, one.label, one.priority, one.motion});
+    if (const auto known = open_edges.find(one.mesh); known != open_edges.end())
+      meshes.back().open_edges = known->second;
   }
   absl::StatusOr<TriangleMesh> mesh = PlaceMeshes(job, meshes);
   if (!mesh.ok()) return mesh.status();

@@ -91,7 +91,7 @@ class UsedMesh {
   UsedMesh() = default;
   absl::Status Hold(const MeshSource& source, const TextureUse& textures, const JobContext& job);
   absl::Status Move(std::span<const uint8_t> positions);
-  absl::Status Place(const MeshSource& source, std::span<const PlacedStored> placed, const TextureUse& textures,
+  absl::Status Place(const MeshSource& source, std::span<const PlacedStored> placed, const VoxelizeRequest& request,
                      const JobContext& job);
   // Replaces the mesh by one without the parts that are excluded, if any.
   absl::Status LeaveOut(const PartSelection& parts, const JobContext& job);

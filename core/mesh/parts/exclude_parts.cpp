@@ -84,6 +84,7 @@ absl::Status CopyRuns(const JobContext& job, const TriangleMesh& mesh, const std
   uint64_t vertex = 0, triangle = 0;
   size_t entry = 0;
   kept.placed = mesh.placed;
+  for (PlacedEntry& placed : kept.placed) placed.open_edges.reset();
   for (size_t run = 0; run <= mesh.parts.size(); ++run) {
     while (entry < kept.placed.size() && mesh.placed[entry].first_part <= run) {
       kept.placed[entry++].first_part = kept.parts.size();

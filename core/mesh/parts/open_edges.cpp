@@ -2,6 +2,7 @@
 
 #include <tbb/enumerable_thread_specific.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstddef>
@@ -88,10 +89,20 @@ class EdgesOfPart {
   std::vector<uint32_t> ids_;          // of a run's vertices
 };
 
+bool AreKnown(const TriangleMesh& mesh) {
+  return !mesh.placed.empty() && std::all_of(mesh.placed.begin(), mesh.placed.end(),
+                                             [](const PlacedEntry& placed) { return placed.open_edges.has_value(); });
+}
+
 }  // namespace
 
 absl::StatusOr<std::vector<uint64_t>> CountOpenEdges(const JobContext& job, const TriangleMesh& mesh,
-                                                     const PartList& list) {
+                                                     const PartList& list, PartScope scope) {
+  if (scope == PartScope::kFile && AreKnown(mesh)) {
+    std::vector<uint64_t> open;
+    for (const Part& part : list.parts) open.push_back(*mesh.placed[part.placed].open_edges);
+    return open;
+  }
   try {
     const Runs runs = RunsOf(mesh, list);
     std::vector<uint64_t> open(runs.size());

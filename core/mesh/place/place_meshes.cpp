@@ -84,7 +84,7 @@ absl::Status ListParts(const JobContext& job, std::span<const PlacedMesh> meshes
     at.texture = known->second;
     offsets.push_back(at);
     mesh.placed.push_back({at.part, placed.name, placed.label.value_or(uint32_t(i + 1)), placed.priority, placed.motion,
-                           from.names, at.node, at.mesh});
+                           from.names, at.node, at.mesh, placed.open_edges});
     for (MeshPart part : from.parts) {
       part.first_triangle += at.triangle;
       part.first_vertex += at.vertex;

@@ -27,7 +27,7 @@ absl::StatusOr<PartTable> TableOf(const JobContext& job, const TriangleMesh& mes
   PartTable table = MakePartTable(shape);
   if (absl::Status full = list.memory->Grow(table.bytes(), "the table of parts"); !full.ok()) return full;
   if (shape.filled) {
-    absl::StatusOr<std::vector<uint64_t>> open = CountOpenEdges(job, mesh, list);
+    absl::StatusOr<std::vector<uint64_t>> open = CountOpenEdges(job, mesh, list, request.parts.scope);
     if (!open.ok()) return open.status();
     table.open_edges = *std::move(open);
   }

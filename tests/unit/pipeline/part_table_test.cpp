@@ -9,6 +9,7 @@
 #include "job/memory_sink.h"
 #include "mesh/parts/open_edges.h"
 #include "mesh/placed_mesh.h"
+#include "mesh/report.h"
 #include "pipeline/estimate.h"
 #include "support/meshes/meshes.h"
 #include "support/run.h"
@@ -124,6 +125,28 @@ TEST(PartTableTest, AnOpenPartIsAWarningWithItsName) {
   EXPECT_TRUE(testing::RunError(mesh, request).ok()) << "what is not filled may be open";
 }
 
+// As a server has them of its kept meshes: the table and the report take them.
+TEST(PartTableTest, OpenEdgesOfPlacedMeshesMayBeKnown) {
+  std::vector<PlacedMesh> list(2);
+  for (PlacedMesh& placed : list) placed.mesh = std::make_shared<const TriangleMesh>(Cube(4));
+  list[1].matrix.m[0][3] = 4;
+  const JobContext job;
+  const auto place = [&](uint64_t first, uint64_t second) {
+    list[0].open_edges = first;
+    list[1].open_edges = second;
+    return *PlaceMeshes(job, list);
+  };
+  const VoxelizeRequest request = ByFile(Fill::kParity);
+  EXPECT_THAT(RunPipeline(place(0, 7), request).parts.open_edges, ElementsAre(0, 7)) << "not counted";
+  TriangleMesh mesh = place(0, 0);
+  mesh.triangles.pop_back();
+  --mesh.parts.back().triangle_count;
+  EXPECT_EQ(*CountOpenEdges(job, mesh), 0u) << "not counted";
+  mesh.placed[1].open_edges.reset();
+  EXPECT_EQ(*CountOpenEdges(job, mesh), 3u);
+  EXPECT_THAT(RunPipeline(mesh, request).parts.open_edges, ElementsAre(0, 3));
+}
+
 TEST(PartTableTest, WithoutAFillItHasNoCounts) {
   const TriangleMesh mesh = Cubes({{8, 0}, {4, 10}});
   VoxelizeRequest request = ByFile(Fill::kNone);
@@ -190,7 +213,7 @@ TEST(OpenEdgesTest, OfPartsAlone) {
     selection.scope = scope;
     const absl::StatusOr<PartList> list = ListParts(job, mesh, selection);
     EXPECT_TRUE(list.ok()) << list.status();
-    return *CountOpenEdges(job, mesh, *list);
+    return *CountOpenEdges(job, mesh, *list, scope);
   };
   EXPECT_THAT(open_of(PartScope::kWhole), ElementsAre(0));
   const std::vector<uint64_t> open = open_of(PartScope::kMesh);
