@@ -296,10 +296,21 @@ class TileRows {
   std::vector<size_t> first_run_;  // of each row of tiles
 };
 
+// Occupancy bits alone. Where parts are filled, counts what they own.
+absl::Status RasterRows(RunState& state) {
+  const Slab& slab = state.slab;
+  if (!state.needs_ranks) return state.row_bits->Raster(slab.begin, slab.end, state.coverage, state.job);
+  std::vector<int64_t> voxels(state.part_count());
+  const absl::Status s =
+      state.row_bits->RasterParts(slab.begin, slab.end, state.coverage, state.inside_ranks.data(), voxels, state.job);
+  for (size_t rank = 0; rank < voxels.size(); ++rank) state.counts.part_voxels[rank] += uint64_t(voxels[rank]);
+  return s;
+}
+
 }  // namespace
 
 absl::Status FineRaster(RunState& state) {
-  if (state.row_bits) return state.row_bits->Raster(state.slab.begin, state.slab.end, state.coverage, state.job);
+  if (state.row_bits) return RasterRows(state);
   const bool sparse = state.request.request.result == ResultKind::kSparse;
   ListCount kept(sparse ? state.lists : nullptr, sparse ? SlabRuns(state).size() * sizeof(TileValues) : 0);
   TileRows rows(state, kept);

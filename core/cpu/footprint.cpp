@@ -82,8 +82,7 @@ bool PlainBits(const VoxelizeRequest& request, const GridSpec& grid, const MeshS
   const bool owned = std::any_of(request.targets.begin(), request.targets.end(), [&](const TargetSpec& target) {
     return HoldsOwner(request, target) && !FillBit(target);
   });
-  const bool counted = FillsParts(request) && request.coverage != Coverage::kNone;  // the voxels that parts own
-  return footprint::PlainBits(request) && !owned && !counted && RowBitsFit(grid, mesh.triangles);
+  return footprint::PlainBits(request) && !owned && RowBitsFit(grid, mesh.triangles);
 }
 
 // What all tiles keep until the lists are made: values for a sparse result, fragments for buckets.
@@ -139,7 +138,9 @@ double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const Mesh
                                   std::ceil(double(mesh.triangles) / kTriangleGrain));
   double bytes = 0;
   if (plain_bits || request.fill == Fill::kFlood) {
-    bytes += 4 * (double(mesh.triangles) + surface.layers / kMaxSlabLayers) + threads * kBinChunkBytes;
+    // Of a slab of parts once more, by part.
+    const double lists = FillsParts(request) ? 2 : 1;
+    bytes += lists * 4 * (double(mesh.triangles) + surface.layers / kMaxSlabLayers) + threads * kBinChunkBytes;
   }
   const double crossing_bytes = FillsParts(request) ? 32 * kBlocks : 4;
   if (CastsLines(request.fill)) bytes += crossing_bytes * surface.crossings + 2 * threads * kBinChunkBytes;

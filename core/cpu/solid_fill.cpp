@@ -225,7 +225,8 @@ absl::Status MakeInside(RunState& state) {
 }  // namespace
 
 absl::Status FindOwners(RunState& state) {
-  return state.row_bits ? absl::OkStatus() : MakeInside(state);
+  // Without coverage the inside is all there is; SolidFill makes it where it belongs.
+  return state.row_bits && !state.needs_ranks ? absl::OkStatus() : MakeInside(state);
 }
 
 absl::Status SolidFill(RunState& state) {

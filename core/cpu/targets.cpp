@@ -81,7 +81,6 @@ absl::Status PackBitTarget(const RunState& state, const CpuTarget& target, HostB
 bool PlainBits(const HostMesh& mesh, const GridSpec& grid) {
   const VoxelizeRequest& request = mesh.request.request;
   if (request.result == ResultKind::kBuckets || !RowBitsFit(grid, mesh.view.triangle_count)) return false;
-  if (FillsParts(request) && request.coverage != Coverage::kNone) return false;  // tiles count what parts own
   for (size_t i = 0; i < request.targets.size(); ++i) {
     if (request.targets[i].format != VoxelFormat::kBit) return false;
     if (FragmentShaderId(mesh.request.fragment_shaders[i].id) != FragmentShaderId::kOccupancy) return false;
@@ -104,7 +103,8 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
   state.kept_bytes = 0;
   state.a_buffer.reset();
   state.by_parts = FillsParts(state.request.request);
-  state.needs_ranks = state.by_parts && !state.row_bits;  // tiles count the voxels that parts own
+  // Where parts cover voxels, those that they own are counted.
+  state.needs_ranks = state.by_parts && state.request.request.coverage != Coverage::kNone;
   state.counts.part_odd_columns.assign(state.part_count(), 0);
   state.counts.part_voxels.assign(state.part_count(), 0);
   state.inside_ranks = HostArray<uint16_t>();

@@ -7,6 +7,9 @@
 #include <atomic>
 #include <bit>
 #include <cstring>
+#include <span>
+#include <utility>
+#include <vector>
 
 #include "base/parallel.h"
 #include "cpu/base/task_sizes.h"
@@ -38,6 +41,54 @@ struct ThreadWork {
   explicit ThreadWork(size_t slabs) : bins(slabs * kBinKinds) {}
   RowLists lists;
   Bins<uint32_t> bins;  // triangle ids: list kind + kBinKinds * slab
+};
+
+// The voxels along each axis, first to last inclusive.
+struct VoxelBox {
+  int64_t first[3] = {INT16_MAX, INT16_MAX, INT16_MAX}, last[3] = {-1, -1, -1};
+};
+
+// The triangles of a slab by part.
+class TrianglesOfParts {
+ public:
+  explicit TrianglesOfParts(const MeshView& mesh) : mesh_(mesh), begin_(mesh.part_count + 1) {}
+
+  // Of the runs that have some; `kind` is the list.
+  void Collect(const tbb::enumerable_thread_specific<ThreadWork>& work, size_t slab, BinKind kind) {
+    std::fill(begin_.begin(), begin_.end(), 0);
+    ForEach(work, slab, kind, [&](uint32_t, uint32_t run) { ++begin_[run + 1]; });
+    for (size_t run = 1; run < begin_.size(); ++run) begin_[run] += begin_[run - 1];
+    ids_.resize(begin_.back());
+    next_.assign(begin_.begin(), begin_.end());
+    ForEach(work, slab, kind, [&](uint32_t id, uint32_t run) { ids_[next_[run]++] = id; });
+  }
+  std::span<const uint32_t> Of(uint32_t run) const {
+    return {ids_.data() + begin_[run], size_t(begin_[run + 1] - begin_[run])};
+  }
+
+ private:
+  template <typename Visit>
+  void ForEach(const tbb::enumerable_thread_specific<ThreadWork>& work, size_t slab, BinKind kind,
+               const Visit& visit) const {
+    uint32_t run = 0;  // triangles of a run mostly follow each other
+    uint64_t first = 1, end = 0;
+    for (const ThreadWork& thread : work) {
+      thread.bins.ForEachBlock(slab * kBinKinds + kind, [&](const uint32_t* ids, int64_t n) {
+        for (int64_t i = 0; i < n; ++i) {
+          if (ids[i] < first || ids[i] >= end) {
+            run = PartOf(mesh_, ids[i]);
+            first = mesh_.parts[run].first_triangle;
+            end = run + 1 < mesh_.part_count ? mesh_.parts[run + 1].first_triangle : mesh_.triangle_count;
+          }
+          visit(ids[i], run);
+        }
+      });
+    }
+  }
+
+  const MeshView& mesh_;
+  std::vector<uint64_t> begin_, next_;  // by run
+  std::vector<uint32_t> ids_;
 };
 
 }  // namespace
@@ -171,6 +222,123 @@ struct RowBits::Impl {
       }
     });
   }
+
+  // Calls body(target) for slabs of layers [begin, end) of `bits` that the kernels can address.
+  template <typename Body>
+  absl::Status ForEachTarget(int64_t begin, int64_t end, BitGrid& bits, const Body& body) const {
+    const int64_t ny = grid.dims[1];
+    const int64_t most = std::max<int64_t>(1, (kMaxSlabWords - 1) / (ny * bits.words_per_row()));
+    for (int64_t z = begin; z < end; z += most) {
+      const RowSlab target{
+          bits.row(ny * (z - begin)).data(), bits.words_per_row(), grid.dims[0], ny, z, std::min(end, z + most), false};
+      if (absl::Status s = body(target); !s.ok()) return s;
+    }
+    return absl::OkStatus();
+  }
+
+  // The box of each run of the mesh, within the grid.
+  absl::Status FindBoxes(std::vector<VoxelBox>& boxes, const JobContext& job) const {
+    boxes.assign(mesh.part_count, {});
+    return ParallelChunks(int64_t(mesh.part_count), 1, job, [&](int64_t first, int64_t last) {
+      for (int64_t run = first; run < last; ++run) {
+        const uint64_t end = run + 1 < mesh.part_count ? mesh.parts[run + 1].first_triangle : mesh.triangle_count;
+        VoxelBox& box = boxes[size_t(run)];
+        for (uint64_t t = mesh.parts[run].first_triangle; t < end; ++t) {
+          for (const uint32_t v : mesh.triangles[t]) {
+            for (int a = 0; a < 3; ++a) {
+              box.first[a] = std::min<int64_t>(box.first[a], codes[v].axis[a] >> 1);
+              box.last[a] = std::max<int64_t>(box.last[a], (codes[v].axis[a] + 1) >> 1);
+            }
+          }
+        }
+        for (int a = 0; a < 3; ++a) {
+          box.first[a] = std::max<int64_t>(box.first[a], 0);
+          box.last[a] = std::min<int64_t>(box.last[a], grid.dims[size_t(a)] - 1);
+        }
+      }
+    });
+  }
+
+  // What one thread needs for the parts of a slab.
+  struct PartWork {
+    PartWork(const MeshView& mesh, int64_t words, size_t parts)
+        : kinds{TrianglesOfParts(mesh), TrianglesOfParts(mesh), TrianglesOfParts(mesh)},
+          bits(size_t(words)),
+          voxels(parts) {}
+    TrianglesOfParts kinds[kBinKinds];
+    std::vector<uint32_t> bits;  // of one run, all 0 between runs
+    std::vector<int64_t> voxels;
+  };
+
+  // Moves the bits of a run, in `own`, to the slab, and counts the voxels that it takes. `inside`: of the slab.
+  void TakeVoxels(const VoxelBox& box, uint32_t rank, uint32_t* own, const RowSlab& slab, const uint16_t* inside,
+                  std::vector<int64_t>& voxels) const {
+    for (int64_t z = std::max(box.first[2], slab.begin); z <= std::min(box.last[2], slab.end - 1); ++z) {
+      for (int64_t y = box.first[1]; y <= box.last[1]; ++y) {
+        const int64_t row = y + slab.ny * (z - slab.begin);
+        for (int64_t w = box.first[0] / 32; w <= box.last[0] / 32; ++w) {
+          const uint32_t covered = std::exchange(own[row * slab.words_per_row + w], 0);
+          if (covered == 0) continue;
+          uint32_t& taken = slab.words[row * slab.words_per_row + w];
+          for (uint32_t left = covered & ~taken; left != 0; left &= left - 1) {
+            const uint16_t around = inside[row * slab.nx + w * 32 + std::countr_zero(left)];
+            if (around >= rank) continue;
+            ++voxels[rank - 1];
+            if (around != 0) --voxels[around - 1];
+          }
+          taken |= covered;
+        }
+      }
+    }
+  }
+
+  // The parts of slab i, by descending rank.
+  void RasterPartsOf(const RowMesh& rows, size_t i, const tbb::enumerable_thread_specific<ThreadWork>& work,
+                     const RowSlab& slab, const std::vector<VoxelBox>& boxes, const uint16_t* inside,
+                     PartWork& memory) const {
+    for (const BinKind kind : {kBinRuns, kBinSmall, kBinLarge}) memory.kinds[kind].Collect(work, i, kind);
+    RowSlab own = slab;
+    own.words = memory.bits.data();
+    for (uint32_t run = mesh.part_count; run-- > 0;) {
+      const std::span<const uint32_t> boxes_of = memory.kinds[kBinRuns].Of(run),
+                                      small = memory.kinds[kBinSmall].Of(run), large = memory.kinds[kBinLarge].Of(run);
+      if (boxes_of.empty() && small.empty() && large.empty()) continue;
+      for (const uint32_t id : boxes_of) SetRun(id, own);
+      kernels.raster_small(rows, small.data(), int64_t(small.size()), coverage, own);
+      kernels.raster_large(rows, large.data(), int64_t(large.size()), coverage, own);
+      TakeVoxels(boxes[run], mesh.parts[run].rank, own.words, slab, inside, memory.voxels);
+    }
+  }
+
+  absl::Status RasterParts(const RowSlab& target, const std::vector<VoxelBox>& boxes, const uint16_t* inside,
+                           std::vector<int64_t>& voxels, const JobContext& job) const {
+    const RowMesh rows = Rows();
+    const int64_t layer_words = target.ny * target.words_per_row;
+    const auto slabs = size_t((target.end - target.begin + layers - 1) / layers);
+    tbb::enumerable_thread_specific<ThreadWork> work([slabs] { return ThreadWork(slabs); });
+    RowSlab scanned = target;
+    scanned.words = nullptr;
+    absl::Status s = ParallelChunks(int64_t(mesh.triangle_count), kTriangleGrain, job, [&](int64_t begin, int64_t end) {
+      RasterChunk(rows, begin, end, scanned, work.local());
+    });
+    if (!s.ok()) return s;
+    tbb::enumerable_thread_specific<PartWork> memory(
+        [&] { return PartWork(mesh, layer_words * std::min(layers, target.end - target.begin), voxels.size()); });
+    s = ParallelChunks(int64_t(slabs), 1, job, [&](int64_t from, int64_t to) {
+      for (int64_t i = from; i < to; ++i) {
+        RowSlab slab = target;
+        slab.words += i * layers * layer_words;
+        slab.begin += i * layers;
+        slab.end = std::min(target.end, slab.begin + layers);
+        std::memset(slab.words, 0, size_t(layer_words * (slab.end - slab.begin)) * sizeof(uint32_t));
+        RasterPartsOf(rows, size_t(i), work, slab, boxes, inside + i * layers * target.ny * target.nx, memory.local());
+      }
+    });
+    for (const PartWork& thread : memory) {
+      for (size_t rank = 0; rank < voxels.size(); ++rank) voxels[rank] += thread.voxels[rank];
+    }
+    return s;
+  }
 };
 
 RowBits::RowBits(const RowKernels& kernels, const MeshView& mesh, const GridSpec& grid, Coverage coverage)
@@ -187,19 +355,17 @@ absl::Status RowBits::Place(bool keep_positions, const JobContext& job) {
 }
 
 absl::Status RowBits::Raster(int64_t begin, int64_t end, BitGrid& bits, const JobContext& job) const {
-  const int64_t ny = impl_->grid.dims[1],
-                most = std::max<int64_t>(1, (kMaxSlabWords - 1) / (ny * bits.words_per_row()));
-  for (int64_t z = begin; z < end; z += most) {
-    const RowSlab target{bits.row(ny * (z - begin)).data(),
-                         bits.words_per_row(),
-                         impl_->grid.dims[0],
-                         ny,
-                         z,
-                         std::min(end, z + most),
-                         false};
-    if (absl::Status s = impl_->Raster(target, job); !s.ok()) return s;
-  }
-  return absl::OkStatus();
+  return impl_->ForEachTarget(begin, end, bits, [&](const RowSlab& target) { return impl_->Raster(target, job); });
+}
+
+absl::Status RowBits::RasterParts(int64_t begin, int64_t end, BitGrid& bits, const uint16_t* inside,
+                                  std::vector<int64_t>& voxels, const JobContext& job) const {
+  std::vector<VoxelBox> boxes;
+  if (absl::Status s = impl_->FindBoxes(boxes, job); !s.ok()) return s;
+  return impl_->ForEachTarget(begin, end, bits, [&](const RowSlab& target) {
+    const int64_t rows = (target.begin - begin) * target.ny;
+    return impl_->RasterParts(target, boxes, inside + rows * target.nx, voxels, job);
+  });
 }
 
 }  // namespace voxelpipe::cpu
