@@ -25,12 +25,13 @@ std::string Show(ElementType type, uint64_t bits) {
   return absl::StrCat(value, " (0x", absl::Hex(bits), ")");
 }
 
-// What the element is: the voxel and component of a dense target's, else its plain number.
+// What the element is: the voxel and component of a dense target's, else its plain number, also in the table of parts.
 std::string Place(const ResultHeader& header, const ArraySpec& array, uint64_t i) {
   if (header.kind != ResultKind::kDense) return absl::StrCat(array.name, "[", i, "]");
   const uint64_t voxels = header.grid.voxels();
   uint64_t elements = 1;
   for (const uint64_t n : array.shape) elements *= n;
+  if (array.name.starts_with("part_")) return absl::StrCat(array.name, "[", i, "]");
   const uint64_t components = elements / voxels;
   const bool planar = header.layout == Layout::kPlanar;
   const uint64_t voxel = planar ? i % voxels : i / components, component = planar ? i / voxels : i % components;

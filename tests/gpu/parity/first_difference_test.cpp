@@ -11,13 +11,14 @@
 namespace voxelpipe::gpu {
 namespace {
 
-Delivered MakeDelivered(Layout layout) {
+Delivered MakeDelivered(Layout layout, PartScope parts = PartScope::kWhole) {
   VoxelizeRequest request;
   request.grid.dims = {5, 4, 3};
   request.grid.origin = Vec3d{0, 0, 0};
   request.grid.voxel_size = Vec3d{1, 1, 1};
   request.layout = layout;
   request.fill = Fill::kParity;
+  request.parts.scope = parts;
   TargetSpec values;
   values.format = VoxelFormat::kF32;
   values.components = 2;
@@ -48,6 +49,16 @@ TEST(FirstDifference, NamesVoxelComponentAndValues) {
   b = c;
   b.arrays[1][4 * (60 + 21) + 3] = 0x41;
   EXPECT_EQ(FirstDifference(c, b)->substr(0, 35), "target1 voxel 1,0,1 component 1: 0 ");
+}
+
+TEST(FirstDifference, NamesEntriesOfTheTableOfParts) {
+  const Delivered a = MakeDelivered(Layout::kInterleaved, PartScope::kNode);
+  size_t at = 0;
+  while (at < a.header.arrays.size() && a.header.arrays[at].name != "part_voxels") ++at;
+  ASSERT_LT(at, a.arrays.size());
+  Delivered b = a;
+  b.arrays[at][0] ^= 0x01;
+  EXPECT_EQ(FirstDifference(a, b)->substr(0, 18), "part_voxels[0]: 0x");
 }
 
 TEST(FirstDifference, SeesUnusedBitsCountsAndLengths) {
