@@ -65,8 +65,13 @@ class CudaStages final : public Stages {
     state_.memory.AskFrom(lists);
   }
   absl::Status SortTriangles(const Slab& /*slab*/, StageClock& /*clock*/) override { return absl::OkStatus(); }
-  absl::Status FineRaster(const Slab& slab) override {
+  absl::Status FindOwners(const Slab& slab) override {
     absl::Status s = BeginSlab(slab);
+    if (s.ok()) s = cuda::FindOwners(state_);
+    return Checked(std::move(s));
+  }
+  absl::Status FineRaster(const Slab& slab) override {
+    absl::Status s = state_.parts.filled ? absl::OkStatus() : BeginSlab(slab);  // FindOwners began it
     if (s.ok()) s = cuda::FineRaster(state_);
     if (s.ok() && state_.request.request.fill == Fill::kNone) s = Count();
     return Checked(std::move(s));
@@ -158,12 +163,20 @@ class CudaStages final : public Stages {
   // Ends the slab's stages: waits for them, and reads all counts in one copy.
   absl::Status Count() {
     VOXELPIPE_OK_OR_RETURN(CountSlab(state_));
+    const PartState& parts = state_.parts;
+    std::vector<uint64_t> of_parts(parts.counts.size());
+    if (!of_parts.empty()) {
+      VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(of_parts.data(), parts.counts.data(), parts.counts.bytes(),
+                                               cudaMemcpyDeviceToHost, state_.stream));
+    }
     const auto counters = ReadCounters(state_);
     if (!counters.ok()) return counters.status();
     const bool buckets = state_.request.request.result == ResultKind::kBuckets;
     if (buckets) state_.result.listed_voxels = (*counters)[kBuckets];
     state_.counts.occupied = (*counters)[buckets ? kBuckets : kVoxels];
     state_.counts.odd_columns = (*counters)[kOddColumns];
+    state_.counts.part_odd_columns.assign(of_parts.begin(), of_parts.begin() + ptrdiff_t(of_parts.size() / 2));
+    state_.counts.part_voxels.assign(of_parts.begin() + ptrdiff_t(of_parts.size() / 2), of_parts.end());
     if (buckets) {
       state_.counts.fragments = state_.result.listed_fragments;
     } else if (state_.plan.path != Path::kOccupancy) {

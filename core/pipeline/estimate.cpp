@@ -4,7 +4,6 @@
 #include <new>
 #include <utility>
 
-#include "pipeline/run.h"
 #include "pipeline/run_plan.h"
 #include "pipeline/stages/backend.h"
 #include "pipeline/stages/bind.h"
@@ -36,10 +35,9 @@ absl::StatusOr<Plan> EstimateVoxelization(const Backend& backend, const Triangle
   if (!bound.ok()) return bound.status();
   if (absl::Status s = CheckStrict(request, WarningsOf(mesh, *bound)); !s.ok()) return s;
   absl::StatusOr<Plan> plan = absl::UnknownError("the run did not start");
-  const Backend& runs = BackendFor(backend, request);
-  runs.Run(request.threads, [&] {
+  backend.Run(request.threads, [&] {
     try {
-      plan = PlanInside(runs, mesh, *bound, job, limits, delivery);
+      plan = PlanInside(backend, mesh, *bound, job, limits, delivery);
     } catch (const std::bad_alloc&) {
       plan = absl::ResourceExhaustedError("out of memory while planning");
     }

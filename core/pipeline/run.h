@@ -23,9 +23,6 @@ struct RunInput {
   bool on_device = false;   // see RunOptions
 };
 
-// The backend that runs a request, given the one that was chosen: parts are filled on the CPU alone.
-const Backend& BackendFor(const Backend& chosen, const VoxelizeRequest& request);
-
 // The whole run, inside the backend's arena; in voxelize.cpp. Slabs go to `assembler`; counts, times and the warnings
 // that the mesh and the request give to `stats`.
 absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStats& stats);

@@ -14,7 +14,6 @@
 #include "pipeline/run.h"
 #include "pipeline/run_plan.h"
 #include "pipeline/slab_loop.h"
-#include "pipeline/stages/backend.h"
 #include "pipeline/stages/bind.h"
 #include "pipeline/stages/stage_clock.h"
 #include "pipeline/stages/stages.h"
@@ -56,15 +55,9 @@ absl::StatusOr<MadeSlab> MakeSlab(Stages& stages, const VoxelizeRequest& request
 
 }  // namespace
 
-const Backend& BackendFor(const Backend& chosen, const VoxelizeRequest& request) {
-  if (!FillsParts(request)) return chosen;
-  const absl::StatusOr<const Backend*> cpu = SelectBackend(BackendChoice::kCpu);
-  return cpu.ok() ? **cpu : chosen;
-}
-
 absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStats& stats) {
   const VoxelizeRequest& request = run.request;
-  const Backend& backend = BackendFor(run.backend, request);
+  const Backend& backend = run.backend;
   const absl::StatusOr<BoundRequest> bound = BindRequest(run.job, run.mesh, request);
   if (!bound.ok()) return bound.status();
   stats.warnings = WarningsOf(run.mesh, *bound);

@@ -90,16 +90,21 @@ __device__ inline Lines LinesOf(const ToggleView& args, const Corners& t) {
   return lines;
 }
 
-__device__ inline Lines LinesOf(const SumView& args, const Corners& t) {
-  const auto ny = uint64_t(args.grid.dims[1]);
-  const int64_t first = args.grid.slab_begin + int64_t(args.first_row / ny);
-  const int64_t last = args.grid.slab_begin + int64_t((args.end_row - 1) / ny);
+// Of the layers that rows [first_row, end_row) of the slab lie in.
+__device__ inline Lines LinesOfRows(const GridView& grid, uint64_t first_row, uint64_t end_row, const Corners& t) {
+  const auto ny = uint64_t(grid.dims[1]);
+  const int64_t first = grid.slab_begin + int64_t(first_row / ny);
+  const int64_t last = grid.slab_begin + int64_t((end_row - 1) / ny);
   Lines lines;
-  CentreRange(Min(t.a.y, Min(t.b.y, t.c.y)), Max(t.a.y, Max(t.b.y, t.c.y)), 0, args.grid.dims[1], lines.y_begin,
+  CentreRange(Min(t.a.y, Min(t.b.y, t.c.y)), Max(t.a.y, Max(t.b.y, t.c.y)), 0, grid.dims[1], lines.y_begin,
               lines.y_end);
   CentreRange(Min(t.a.z, Min(t.b.z, t.c.z)), Max(t.a.z, Max(t.b.z, t.c.z)), first, last + 1, lines.z_begin,
               lines.z_end);
   return lines;
+}
+
+__device__ inline Lines LinesOf(const SumView& args, const Corners& t) {
+  return LinesOfRows(args.grid, args.first_row, args.end_row, t);
 }
 
 __device__ inline void ToggleLine(const SumView& args, const Corners& t, int64_t y, int64_t z) {
@@ -190,6 +195,9 @@ struct FillArgs {
   int components;
   FillValue fill;
   const uint32_t *inside, *present;  // bit grids of the slab
+  // If the value differs from part to part: by rank, and of each voxel the rank of the part around it plus 1.
+  const FillValue* of_parts = nullptr;
+  const uint16_t* ranks = nullptr;
   uint64_t words, voxels;
   int64_t nx, ny, first_layer, words_per_row;
   bool planar;
@@ -206,13 +214,14 @@ __device__ inline void FillWords(const FillArgs& args, uint64_t begin, uint64_t 
     if (((args.inside[word] & ~args.present[word]) >> lane & 1) == 0) continue;
     const uint64_t row = word / uint64_t(args.words_per_row), w = word % uint64_t(args.words_per_row);
     const uint64_t n = row * uint64_t(args.nx) + w * 32 + lane;
+    const FillValue& fill = args.of_parts == nullptr ? args.fill : args.of_parts[args.ranks[n] - 1];
     int64_t y = 0, z = 0;
-    if (args.fill.kind != FillValue::Kind::kStored) {
+    if (fill.kind != FillValue::Kind::kStored) {
       y = int64_t(row % uint64_t(args.ny));
       z = int64_t(row / uint64_t(args.ny)) + args.first_layer;
     }
     for (uint64_t c = 0; c < components; ++c) {
-      const uint32_t stored = FillStored(args.fill, int64_t(w * 32 + lane), y, z, int(c));
+      const uint32_t stored = FillStored(fill, int64_t(w * 32 + lane), y, z, int(c));
       out[args.planar ? c * args.voxels + n : n * components + c] = Element(stored);
     }
   }

@@ -73,6 +73,10 @@ absl::Status FillTarget(RunState& state, int index) {
   args.components = target.components;
   args.fill = FillValueOf(state.request, size_t(index), state.grid);
   args.inside = state.inside.data();
+  if (const auto& of_parts = state.parts.fills[size_t(index)]; !of_parts.empty()) {
+    args.of_parts = of_parts.data();
+    args.ranks = state.parts.inside_ranks.data();
+  }
   args.present = target.own_presence ? target.presence : state.coverage.data();
   args.words = state.slab_words();
   args.voxels = state.slab_voxels();
@@ -162,10 +166,14 @@ absl::Status NonzeroInside(RunState& state) {
 
 absl::Status SolidFill(RunState& state) {
   const VoxelizeRequest& request = state.request.request;
-  VOXELPIPE_OK_OR_RETURN(state.inside.Resize(state.slab_words(), state.stream));
-  VOXELPIPE_OK_OR_RETURN(request.fill == Fill::kFlood     ? FloodInside(state)
-                         : request.fill == Fill::kNonzero ? NonzeroInside(state)
-                                                          : ParityInside(state));
+  if (state.parts.filled) {  // FindOwners found the inside
+    VOXELPIPE_OK_OR_RETURN(CountOwned(state));
+  } else {
+    VOXELPIPE_OK_OR_RETURN(state.inside.Resize(state.slab_words(), state.stream));
+    VOXELPIPE_OK_OR_RETURN(request.fill == Fill::kFlood     ? FloodInside(state)
+                           : request.fill == Fill::kNonzero ? NonzeroInside(state)
+                                                            : ParityInside(state));
+  }
   if (request.result == ResultKind::kSparse) return absl::OkStatus();  // MakeBricks fills the bricks
   for (int t = 0; t < state.targets.count; ++t) {
     if (state.targets.at[t].format != VoxelFormat::kBit) VOXELPIPE_OK_OR_RETURN(FillTarget(state, t));

@@ -12,6 +12,7 @@
 #include "grid/bit_grid.h"
 #include "job/result.h"
 #include "pipeline/plan/footprint_parts.h"
+#include "pipeline/stages/target_rules.h"
 #include "raster/row_bits_fit.h"
 #include "raster/tiles.h"
 
@@ -24,6 +25,19 @@ constexpr double kBaseBytes = 4 << 20;
 
 bool HasOwners(const TargetSpec& target) {
   return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
+}
+
+// True if a target holds the fragments of owners alone, as DescribeTargets decides.
+bool IsOfOwner(const VoxelizeRequest& request, const TargetSpec& target) {
+  return HoldsOwner(request, target) && !(IsOccupancyBit(target) && FillBit(target));
+}
+// True if a target's value is the coverage itself.
+bool IsCoverage(const VoxelizeRequest& request, const TargetSpec& target) {
+  return IsOccupancyBit(target) && !IsOfOwner(request, target);
+}
+// True if rows of voxels are set in the coverage and nothing else is wanted.
+bool SetsRows(const VoxelizeRequest& request) {
+  return PlainBits(request) && !FillsParts(request);
 }
 
 // What the path depends on. Assumes that values are uniform over a triangle: the vertex shader, which decides it, has
@@ -48,16 +62,17 @@ double BitsOf(const GridSpec& grid, int64_t layers) {
 }
 
 // Bytes of the grids of a slab: dense targets, coverage, inside voxels of a fill, bits and presence of targets that
-// have their own, and bits packed for the result.
+// have their own, and bits packed for the result; where parts are filled, the rank of each voxel's owner.
 double DeviceGridBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
   if (request.result == ResultKind::kBuckets) return 0;
   const bool dense = request.result == ResultKind::kDense, filled = request.fill != Fill::kNone;
   const double bits = BitsOf(grid, layers), voxels = double(grid.dims[0] * grid.dims[1]) * double(layers);
   double bytes = filled ? 2 * bits : bits;
+  if (FillsParts(request)) bytes += 2 * voxels;
   for (const TargetSpec& target : request.targets) {
-    if (OwnPresence(target)) bytes += bits;
+    if (OwnPresence(target) || IsOfOwner(request, target)) bytes += bits;
     if (target.format == VoxelFormat::kBit) {
-      const bool coverage = IsOccupancyBit(target);
+      const bool coverage = IsCoverage(request, target);
       if (!coverage) bytes += bits;
       const bool as_it_is = coverage && !filled && target.clear == 0 && grid.dims[0] % 32 == 0;
       if (dense && !as_it_is) bytes += voxels / 8;
@@ -94,17 +109,24 @@ double DirectListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
                        const Surface& surface, int64_t layers) {
   const bool sparse = request.result == ResultKind::kSparse;
   double bytes = RecordBytes(mesh, surface), owner_list = 0;
-  if (sparse) bytes += sizeof(uint32_t) * (surface.voxels + surface.inside);  // the bits of listed voxels
+  const bool values = std::any_of(request.targets.begin(), request.targets.end(),
+                                  [](const TargetSpec& target) { return target.format != VoxelFormat::kBit; });
+  if (sparse && values) bytes += sizeof(uint32_t) * (surface.voxels + surface.inside);  // the bits of listed voxels
   if (std::all_of(request.targets.begin(), request.targets.end(), OwnPresence)) bytes += BitsOf(grid, layers);
   bool ranked = false;
+  if (FillsParts(request)) {  // the owner of each covered voxel, unless a target has it
+    bytes += surface.voxels * sizeof(uint32_t) + BitsOf(grid, layers);
+    ranked = true;
+  }
   for (const TargetSpec& target : request.targets) {
-    if (IsOccupancyBit(target)) continue;
+    if (IsCoverage(request, target)) continue;
     const bool owners = HasOwners(target), bit = target.format == VoxelFormat::kBit;
     const bool sums = target.blend == Blend::kAdd || target.blend == Blend::kAverage;
     const double components = owners || bit ? 1 : double(target.components);
     const double cell = components * (sums ? sizeof(int64_t) : sizeof(uint32_t));
     const double count = target.blend == Blend::kAverage ? sizeof(uint32_t) : 0;
-    if (!owners && !bit && !OwnPresence(target)) bytes += double(mesh.triangles) * cell;
+    const bool by_id = target.blend == Blend::kFirst && FillsParts(request);  // of each triangle its id
+    if ((by_id || (!owners && !bit)) && !OwnPresence(target)) bytes += double(mesh.triangles) * cell;
     if (owners) owner_list = 3 * sizeof(uint32_t) * (surface.voxels + (sparse ? surface.inside : 0));
     if (!sparse && BlendsInPlace(PathTargetOf(target))) continue;
     bytes += surface.voxels * (cell + count);
@@ -128,7 +150,7 @@ double BitPoolBytes(const VoxelizeRequest& request, const GridSpec& grid, const 
 // over the possible paths.
 double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers) {
-  if (PlainBits(request)) {
+  if (SetsRows(request)) {
     const double queues = double(mesh.triangles) * 3 * sizeof(uint32_t);
     return queues + BitPoolBytes(request, grid, mesh, layers);
   }
@@ -142,29 +164,43 @@ double DeviceListBytes(const VoxelizeRequest& request, const GridSpec& grid, con
 
 namespace {
 
-// Vertices in index space, and triangles, which live for the whole run.
+// Vertices in index space, and triangles, which live for the whole run; once more where parts have an order of their
+// own.
 double MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
   const double vertices = double(mesh.vertices);
   double held = double(mesh.extent.held_bytes);
   if (held == 0) {  // not loaded yet: positions and triangles, on the device and in pinned memory, and shader outputs
     const double shaded = request.vertex_shader.name != "identity" ? sizeof(Vec3d) + sizeof(Vec3f) : 0;
-    held = vertices * (2 * sizeof(Vec3d) + shaded) + double(mesh.triangles) * 2 * 3 * sizeof(uint32_t);
+    held = vertices * (2 * sizeof(Vec3d) + shaded) +
+           double(mesh.triangles) * (FillsParts(request) ? 3 : 2) * 3 * sizeof(uint32_t);
   }
-  const bool places = !PlainBits(request) || CastsLines(request.fill);
+  const bool places = !SetsRows(request) || CastsLines(request.fill);
   return held + (places ? vertices * (sizeof(VertexCode) + sizeof(Vec3d)) : 0);
 }
 
 // Signed counters of a nonzero fill over `layers` layers, for the rows of one batch (parity_fill.cu).
 double SumBytes(const VoxelizeRequest& request, const GridSpec& grid, int64_t layers) {
-  if (request.fill != Fill::kNonzero) return 0;
+  if (request.fill != Fill::kNonzero || FillsParts(request)) return 0;
   constexpr double kOfBit = 32;  // bytes of counters per byte of bits
   return std::min(kOfBit * BitsOf(grid, layers), std::max<double>(kMaxSumBytes, kOfBit * BitsOf(grid, 1)));
+}
+
+// Bytes of the crossings of parts (part_fill.cu): keys, twice, as they are sorted, the rows among them, the sort's own.
+double CrossingBytes(const GridSpec& grid, const Surface& surface, int64_t layers) {
+  constexpr double kOfSort = 1.0 / 8, kOfRow = 2 * sizeof(uint32_t);
+  return double(CrossingRoom(surface.crossings)) * (2 + kOfSort) * sizeof(uint64_t) +
+         double(grid.dims[1]) * double(layers) * kOfRow;
 }
 
 // Device bytes of a slab besides the mesh. `surface`: of the slab.
 double DeviceSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                        const Surface& surface, int64_t layers) {
-  double bytes = DeviceGridBytes(request, grid, layers) + DeviceListBytes(request, grid, mesh, surface, layers);
+  double lists = DeviceListBytes(request, grid, mesh, surface, layers);
+  if (FillsParts(request)) {
+    // Crossings are freed before fragments are listed; the queue of triangles that cross many lines is kept.
+    lists = std::max(lists, CrossingBytes(grid, surface, layers)) + double(mesh.triangles) * sizeof(uint32_t);
+  }
+  double bytes = DeviceGridBytes(request, grid, layers) + lists;
   if (request.result != ResultKind::kDense) bytes += ListBytes(request, surface, false);
   // Flood fill: the surface, and the voxels reached from outside.
   if (request.fill == Fill::kFlood) bytes += BitsOf(grid, layers) + BitsOf(grid, grid.dims[2]);
@@ -190,7 +226,7 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     return DeviceSlabBytes(request, grid, mesh, MostOfSlab(surface, grid, layers), layers);
   };
   out.slab_depth = SlabDepth(grid, limits, !dense || delivery == Delivery::kStream, slab_bytes);
-  if (!PlainBits(request) || !RowBitsFit(grid, mesh.triangles)) {
+  if (!SetsRows(request) || !RowBitsFit(grid, mesh.triangles)) {
     out.slab_depth = EvenSlabDepth(grid.dims[2], out.slab_depth, MaxSlabLayers(grid.dims, GetSpanLimits().slab_bits));
   }
   const bool one_slab = out.slab_depth >= grid.dims[2];

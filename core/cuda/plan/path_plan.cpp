@@ -91,6 +91,7 @@ int64_t MaxSlabLayers(const std::array<int64_t, 3>& dims, uint64_t bits) {
 
 PathPlan PlanPath(const PathInputs& in) {
   PathPlan plan;
+  plan.by_parts = in.by_parts;
   for (int i = 0; i < in.target_count; ++i) {
     const PathTarget& target = in.targets[size_t(i)];
     PathPlan::Target& planned = plan.targets[size_t(i)];
@@ -102,6 +103,8 @@ PathPlan PlanPath(const PathInputs& in) {
     plan.path = Path::kFragmentList;
   } else if (in.coverage == Coverage::kNone) {
     plan.path = Path::kNothing;
+  } else if (in.by_parts) {
+    plan.path = Path::kAccumulators;
   } else if (in.rows_fit && TargetsWithValues(in).count == 0) {
     plan.path = Path::kOccupancy;
   } else {
@@ -114,7 +117,9 @@ void GoWithoutBricks(const PathInputs& in, PathPlan& plan) {
   plan.path = BlendingPath(in, plan, /*bricks=*/false);
 }
 
-std::string PathName(const PathPlan& plan, int target) {
+namespace {
+
+std::string NameOf(const PathPlan& plan, int target) {
   constexpr const char* kSources[] = {"coverage", "triangles", "owners", "fragments"};
   const PathPlan::Target& planned = plan.targets[size_t(target)];
   const std::string source = kSources[size_t(planned.source)];
@@ -131,6 +136,12 @@ std::string PathName(const PathPlan& plan, int target) {
     case Path::kBricks: return source + " in bricks";
     default: return source + (planned.in_place ? " in place, by records" : " in accumulators");
   }
+}
+
+}  // namespace
+
+std::string PathName(const PathPlan& plan, int target) {
+  return NameOf(plan, target) + (plan.by_parts ? ", by parts" : "");
 }
 
 }  // namespace voxelpipe::cuda

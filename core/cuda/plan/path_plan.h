@@ -47,6 +47,7 @@ struct PathInputs {
   ResultKind result = ResultKind::kDense;
   Coverage coverage = Coverage::kConservative;
   Fill fill = Fill::kNone;
+  bool by_parts = false;  // parts are filled (FillsParts): what owns a voxel is found in accumulators
   bool planar = false;
   std::array<PathTarget, kMaxTargets> targets{};
   int target_count = 0;
@@ -63,6 +64,7 @@ struct PathPlan {
     bool in_place = false;  // blended in the dense target itself
   };
   std::array<Target, kMaxTargets> targets{};
+  bool by_parts = false;  // as in PathInputs
 
   // True if small triangles become records or are blended as soon as they are found.
   bool blends() const { return path >= Path::kInPlace && path <= Path::kAccumulators; }

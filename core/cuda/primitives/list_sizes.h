@@ -31,6 +31,13 @@ VOXELPIPE_HD uint64_t BrickPoolRoom(int64_t nx, int64_t ny, int64_t layers) {
   return Min(x * y * z, kLeast + kOfFaces * (x * y + y * z + z * x));
 }
 
+// Crossings of the slab's lines with parts, each with two keys of 8 bytes.
+VOXELPIPE_HD uint64_t CrossingRoom(double expected) {
+  constexpr double kMore = 1.25;
+  constexpr uint64_t kAnyway = 1 << 12;
+  return uint64_t(Min(kMore * expected, 0x1p58)) + kAnyway;
+}
+
 // Maximum bytes of the counters of a nonzero fill. Larger slabs are processed in batches of rows, at least one row
 // each.
 inline constexpr uint64_t kMaxSumBytes = 256 << 20;

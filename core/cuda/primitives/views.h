@@ -46,7 +46,9 @@ struct CudaTarget {
   FragmentShaderId shader{};
   bool u32_output = false;
   bool is_occupancy = false;  // a bit target of the occupancy shader: its value is the coverage itself
-  bool own_presence = false;  // the shader can discard
+  bool may_discard = false;   // the shader may discard some fragment of this mesh
+  bool of_owner = false;      // holds the owner's fragment alone: `replace` where parts are filled
+  bool own_presence = false;  // either of the two: not every covered voxel has a fragment of the target
   double scale = 1, quantum = 1;
   uint32_t clear_stored = 0;
   ShaderParams params;
@@ -59,7 +61,7 @@ struct TargetViews {
   CudaTarget at[kMaxTargets];
   int count = 0;
   bool planar = false;
-  // Some target keeps every fragment, so every touched voxel is covered.
+  // No fragment of some target is discarded, so every touched voxel is covered.
   bool any_always_present = false;
 };
 

@@ -17,6 +17,7 @@ enum Counter : int {
   kRanks,         // voxels with a rank
   kBuckets,       // of the slab
   kBundles,       // of the slab's fragments
+  kCrossings,     // of lines and parts, listed in one range of rows
   kPooled,        // bricks that wanted a place in the pool
   kCleared,       // blocks that have cleared their part of a bit grid; 0 again when it is drawn
   kNever,         // always 0

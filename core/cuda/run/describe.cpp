@@ -26,7 +26,7 @@ CudaTarget DescribeTarget(const TargetSpec& spec, const BoundShader& shader) {
   t.scale = ScaleOf(spec, shader);
   t.clear_stored = StoredBits(NumberToCell(spec.clear, spec.format), spec.format);
   t.is_occupancy = spec.format == VoxelFormat::kBit && t.shader == FragmentShaderId::kOccupancy;
-  t.own_presence = TraitsOf(t.shader).can_discard;
+  t.may_discard = t.own_presence = TraitsOf(t.shader).can_discard;
   return t;
 }
 
@@ -40,10 +40,14 @@ void DescribeTargets(RunState& state) {
     CudaTarget& target = state.targets.at[i];
     target = DescribeTarget(request.targets[i], state.request.fragment_shaders[i]);
     // A shader that discards nothing of this mesh counts as one that never discards.
-    target.own_presence = std::any_of(mesh.parts, mesh.parts + mesh.part_count, [&](const PartView& part) {
+    target.may_discard = std::any_of(mesh.parts, mesh.parts + mesh.part_count, [&](const PartView& part) {
       return MayDiscard(target.shader, mesh.materials[part.material]);
     });
-    state.targets.any_always_present = state.targets.any_always_present || !target.own_presence;
+    state.targets.any_always_present = state.targets.any_always_present || !target.may_discard;
+    // Where every value is 1, also that of filled voxels, owners make no difference.
+    target.of_owner = HoldsOwner(request, request.targets[i]) && !(target.is_occupancy && FillBit(request.targets[i]));
+    if (target.of_owner) target.is_occupancy = false;  // the owner may have no fragment where others have
+    target.own_presence = target.may_discard || target.of_owner;
   }
 }
 
@@ -58,7 +62,7 @@ namespace {
 
 // True if every triangle of the shaded mesh has one value for all its fragments, and the blend depends on values alone.
 bool IsUniform(const RunState& state, const CudaTarget& target) {
-  if (target.own_presence || !IsUniformKept(KeptBy(target))) return false;
+  if (target.may_discard || !IsUniformKept(KeptBy(target))) return false;
   MeshView mesh = state.host.view;
   mesh.velocities = state.mesh.host_view.velocities;  // shaders only check for null
   for (uint32_t i = 0; i < mesh.part_count; ++i) {
@@ -87,6 +91,7 @@ PathInputs PathInputsOf(const RunState& state, const GridSpec& grid) {
   in.result = request.result;
   in.coverage = request.coverage;
   in.fill = request.fill;
+  in.by_parts = state.parts.filled;
   in.planar = request.layout == Layout::kPlanar;
   in.target_count = state.targets.count;
   for (int i = 0; i < in.target_count; ++i) {
@@ -97,7 +102,7 @@ PathInputs PathInputsOf(const RunState& state, const GridSpec& grid) {
     of.components = target.components;
     of.clears_to_zero = target.clear_stored == 0;
     of.is_occupancy = target.is_occupancy;
-    of.may_discard = target.own_presence;
+    of.may_discard = target.may_discard;
     of.same_for_triangle = IsUniform(state, target);
   }
   in.triangles = state.host.view.triangle_count;

@@ -23,6 +23,7 @@ struct DeviceMesh {
   DeviceArray<Vec4f> tangents, colors;
   DeviceArray<Vec2f> uv[2];
   DeviceArray<uint32_t> triangles;  // three indices per triangle
+  DeviceArray<uint32_t> by_parts;   // the same in the order of parts (PartState), if that is another one
   DeviceArray<PartView> parts;
   DeviceArray<MaterialView> materials;
   DeviceArray<TextureView> textures;

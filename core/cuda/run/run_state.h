@@ -23,6 +23,7 @@
 #include "cuda/primitives/views.h"
 #include "cuda/run/counters.h"
 #include "cuda/run/device_mesh.h"
+#include "cuda/run/part_state.h"
 #include "cuda/run/slab_state.h"
 #include "host_mesh/host_mesh.h"
 #include "pipeline/stages/stages.h"
@@ -79,7 +80,9 @@ struct RunState {
   OwnerList owners;
   std::array<SpanTarget, kMaxTargets> span_targets;
 
-  // FineRaster, SolidFill
+  PartState parts;  // VertexShade, FindOwners
+
+  // FineRaster, SolidFill; where parts are filled, FindOwners
   DeviceArray<uint32_t> inside, outside;  // bit grids; `outside` covers the whole grid
   SlabCounts counts;                      // valid after Counts
 
@@ -112,7 +115,8 @@ absl::StatusOr<MeshExtent> VertexShade(RunState& state);
 absl::Status PlaceVertices(RunState& state);  // no-op if already done
 absl::Status SetUpGrid(RunState& state, const GridSpec& grid);
 absl::Status BeginSlab(RunState& state, const Slab& slab);
-void AbandonSlab(RunState& state);  // synchronizes
+void AbandonSlab(RunState& state);         // synchronizes
+absl::Status FindOwners(RunState& state);  // synchronizes
 absl::Status FineRaster(RunState& state);
 absl::Status SolidFill(RunState& state);      // flood: synchronizes
 absl::Status EmitFragments(RunState& state);  // synchronizes
@@ -141,6 +145,11 @@ bool IsFine(const RunState& state);
 
 // Parts of stages.
 absl::Status BlendDirectly(RunState& state);  // synchronizes, except for a sparse result
+// Where parts are filled, after their fragments are blended: takes out the fragments of targets that hold the owner's
+// alone, in voxels whose centre lies in a part of a higher rank.
+absl::Status KeepOwners(RunState& state);
+// Where parts are filled: counts the voxels that each part owns by geometry, in state.parts.counts.
+absl::Status CountOwned(RunState& state);
 // Stores blended values in a sparse result whose voxels are listed.
 absl::Status StoreListed(RunState& state);
 // Clears a bit grid of `words` words and sets the bits of layers [z_begin, z_end) that triangles touch.

@@ -16,6 +16,7 @@
 #include "cuda/scatter/blend_records.cuh"
 #include "cuda/scatter/brick_scatter.h"
 #include "cuda/scatter/float4_pass.h"
+#include "cuda/scatter/part_owners.h"
 #include "cuda/scatter/store_values.h"
 #include "cuda/shading/shade_list.h"
 #include "cuda/traversal/mesh_locality.h"
@@ -51,12 +52,19 @@ absl::Status MakeValues(RunState& state, int index) {
   args.triangles = state.mesh.host_view.triangle_count;
   args.degenerate = DegenerateTestOf(state);
   memory.shading = args.shading;
-  memory.by_id = IsById(target) || state.plan.targets[size_t(index)].source == ValueSource::kOwners;
+  const bool owners = state.plan.targets[size_t(index)].source == ValueSource::kOwners;
+  const bool by_first_id = owners && target.blend == Blend::kFirst && !state.parts.ids_in_order;
+  // A kernel knows the number of a triangle; its id is another one where parts are in an order of their own.
+  memory.by_id = owners ? !by_first_id : IsById(target) && state.parts.ids_in_order;
   memory.degenerate = args.degenerate;
   if (ShadesByFours(state, target)) return absl::OkStatus();
   memory.shaded = true;
   if (target.blend == Blend::kCount || args.triangles == 0) return absl::OkStatus();
   if (memory.by_id) return EnsureCounters(state);  // for NegativeOf; computing an id is cheaper than reading it
+  if (by_first_id) {
+    VOXELPIPE_OK_OR_RETURN(memory.values.Resize(args.triangles, state.stream));
+    return ListOwnerIds(state, memory.values.data());
+  }
   const uint64_t count = args.triangles * uint64_t(target.components);
   if (IsSum(KeptBy(target))) {
     VOXELPIPE_OK_OR_RETURN(memory.terms.Resize(count, state.stream));
@@ -129,6 +137,12 @@ InPlaceArgs PlaceOf(RunState& state, int index) {
 
 constexpr int kById = int(FragmentShaderId::kTriangleId);
 
+// Values of a triangle that are blended.
+int ValuesOfTriangle(const RunState& state, int index) {
+  const CudaTarget& target = state.targets.at[index];
+  return HasOwner(target) ? 1 : target.components;
+}
+
 bool IsSparse(const RunState& state) {
   return state.request.request.result == ResultKind::kSparse;
 }
@@ -149,10 +163,22 @@ auto BlendCellsTo(bool by_id, int components) {
                            : BlendCells<4, -1, kTo>;
 }
 
+// Blends listed spans into accumulators.
+absl::Status AccumulateSpans(RunState& state, AccumulateArgs args, bool by_id, int components,
+                             const ListedSpans& listed) {
+  args.spans = state.lists.spans.data();
+  args.count = listed.count;
+  args.first_triangle = listed.first_triangle;
+  const auto kernel = AccumulateFor(by_id, components);
+  kernel<<<BlendBlocks(state, listed.count), kBlendThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("Accumulate");
+  return absl::OkStatus();
+}
+
 // Blends listed spans into a target.
 absl::Status TakeSpans(RunState& state, int index, const ListedSpans& listed) {
   if (listed.count == 0) return absl::OkStatus();
-  const int components = state.targets.at[index].components;
+  const int components = ValuesOfTriangle(state, index);
   const SpanTarget& memory = state.span_targets[size_t(index)];
   if (state.plan.targets[size_t(index)].in_place) {
     InPlaceArgs args = PlaceOf(state, index);
@@ -168,26 +194,25 @@ absl::Status TakeSpans(RunState& state, int index, const ListedSpans& listed) {
     VOXELPIPE_LAUNCHED_OR_RETURN("BlendInPlace");
     return absl::OkStatus();
   }
-  AccumulateArgs args = SumsOf(state, index);
-  args.spans = state.lists.spans.data();
-  args.count = listed.count;
-  args.first_triangle = listed.first_triangle;
-  const auto kernel = AccumulateFor(memory.by_id, components);
-  kernel<<<BlendBlocks(state, listed.count), kBlendThreads, 0, state.stream>>>(args);
-  VOXELPIPE_LAUNCHED_OR_RETURN("Accumulate");
-  return absl::OkStatus();
+  return AccumulateSpans(state, SumsOf(state, index), memory.by_id, components, listed);
 }
 
-// Blends the records of all triangles into a target.
-absl::Status TakeCells(RunState& state, int index) {
-  const int components = state.targets.at[index].components;
-  const SpanTarget& memory = state.span_targets[size_t(index)];
+// The records of all triangles; where to they are blended is not set.
+BlendCellsArgs RecordsOf(RunState& state) {
   BlendCellsArgs args;
   args.records = state.lists.cells.data();
   args.blocks = state.lists.blocks.data();
   args.triangles = state.mesh.host_view.triangle_count;
   args.placed = PlacedTriangles(state);
   args.grid = state.view;
+  return args;
+}
+
+// Blends the records of all triangles into a target.
+absl::Status TakeCells(RunState& state, int index) {
+  const int components = ValuesOfTriangle(state, index);
+  const SpanTarget& memory = state.span_targets[size_t(index)];
+  BlendCellsArgs args = RecordsOf(state);
   const bool in_place = state.plan.targets[size_t(index)].in_place;
   if (in_place) {
     args.place = PlaceOf(state, index);
@@ -274,8 +299,20 @@ bool ByTriangles(const RunState& state, int index) {
   return source == ValueSource::kTriangles || source == ValueSource::kOwners;
 }
 
+// Where parts are filled and no target's accumulators hold them: records of all triangles, to the owners.
+absl::Status TakeCellsOfOwners(RunState& state) {
+  BlendCellsArgs args = RecordsOf(state);
+  args.accumulate = OwnersOf(state);
+  const auto kernel = BlendCellsTo<BlendTo::kAccumulators>(true, 1);
+  kernel<<<BlendBlocks(state, args.triangles), kBlendThreads, 0, state.stream>>>(args);
+  VOXELPIPE_LAUNCHED_OR_RETURN("BlendCells");
+  return absl::OkStatus();
+}
+
 // Blends records and then listed spans of all triangles into all targets.
 absl::Status TakeAll(RunState& state) {
+  const bool owners_apart = state.parts.filled && TargetOfOwners(state) < 0;
+  if (owners_apart) VOXELPIPE_OK_OR_RETURN(TakeCellsOfOwners(state));
   for (int i = 0; i < state.targets.count; ++i) {
     if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeCells(state, i));
   }
@@ -284,6 +321,9 @@ absl::Status TakeAll(RunState& state) {
                      [&](const ListedSpans& listed) {
                        for (int i = 0; i < state.targets.count; ++i) {
                          if (ByTriangles(state, i)) VOXELPIPE_OK_OR_RETURN(TakeSpans(state, i, listed));
+                       }
+                       if (owners_apart && listed.count > 0) {
+                         VOXELPIPE_OK_OR_RETURN(AccumulateSpans(state, OwnersOf(state), true, 1, listed));
                        }
                        return ShadeSpans(state, listed);
                      });
@@ -309,6 +349,9 @@ absl::Status BlendByRecords(RunState& state, bool ranked) {
     if (target.source == ValueSource::kCoverage || target.in_place) continue;
     VOXELPIPE_OK_OR_RETURN(BeginAccumulators(state, i, state.lists.ranked_voxels));
   }
+  if (state.parts.filled && TargetOfOwners(state) < 0) {
+    VOXELPIPE_OK_OR_RETURN(BeginOwners(state, state.lists.ranked_voxels));
+  }
   return TakeAll(state);
 }
 
@@ -318,8 +361,8 @@ absl::Status BlendDirectly(RunState& state) {
   const bool sparse = IsSparse(state);
   state.lists.span_count = 0;
   if (state.mesh.host_view.triangle_count == 0) return ClearFragmentSlots(state);
-  bool ranked = false;
-  int last = 0;  // the last target with values
+  bool ranked = state.parts.filled;  // for their owners
+  int last = 0;                      // the last target with values
   for (int i = 0; i < state.targets.count; ++i) {
     const PathPlan::Target& target = state.plan.targets[size_t(i)];
     if (target.source == ValueSource::kCoverage) continue;
@@ -338,6 +381,7 @@ absl::Status BlendDirectly(RunState& state) {
     return StoreDense(state, last);
   }
   VOXELPIPE_OK_OR_RETURN(BlendByRecords(state, ranked));
+  VOXELPIPE_OK_OR_RETURN(KeepOwners(state));
   for (int i = 0; i < state.targets.count; ++i) {
     if (state.plan.targets[size_t(i)].source == ValueSource::kCoverage) continue;
     const bool later = sparse && state.targets.at[i].format != VoxelFormat::kBit;  // stored after its voxels are listed

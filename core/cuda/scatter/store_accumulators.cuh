@@ -3,6 +3,7 @@
 #pragma once
 
 #include "cuda/coverage/set_bits.cuh"
+#include "cuda/primitives/part_order.h"
 #include "cuda/scatter/blend_spans.cuh"
 #include "cuda/shading/fragment_shading.cuh"
 
@@ -133,7 +134,9 @@ __global__ void __launch_bounds__(kBlendThreads) StoreAccumulated(const __grid_c
 
 // Outputs of ListOwners: a target's voxels, their owners, and output elements.
 struct OwnerListArgs {
-  StoreArgs from;  // accumulators that hold owners
+  StoreArgs from;                // accumulators that hold owners
+  const IdRun* by_id = nullptr;  // if they hold ids, and triangles have other numbers
+  uint32_t id_runs = 0;
   uint32_t *keys = nullptr, *triangles = nullptr,
            *to = nullptr;  // output elements: of a dense result by rank, of a sparse one in list order
 };
@@ -143,7 +146,8 @@ __global__ void __launch_bounds__(kBlendThreads) ListOwners(const __grid_constan
   ForEachStored(from, [&](uint32_t word, uint32_t x, uint32_t rank, uint64_t n) {
     const uint64_t i = from.listed == nullptr ? rank : n;
     args.keys[i] = uint32_t(VoxelOfBit(word * 32 + x, from.nx, from.words_per_row));
-    args.triangles[i] = from.from.cells[rank] - 1;
+    const uint32_t owner = from.from.cells[rank] - 1;
+    args.triangles[i] = args.by_id == nullptr ? owner : NumberOf(args.by_id, args.id_runs, owner);
     args.to[i] = from.format == VoxelFormat::kBit ? word * 32 + x : uint32_t(n);
   });
 }

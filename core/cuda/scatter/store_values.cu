@@ -63,6 +63,10 @@ absl::Status StoreOwners(RunState& state, int index, const StoreArgs& from, bool
       owners.triangles.Fill(0xff, state.stream));  // kNoTriangleListed: the target has no fragment there
   OwnerListArgs args;
   args.from = from;
+  if (state.targets.at[index].blend == Blend::kFirst && !state.parts.ids_in_order) {
+    args.by_id = state.parts.by_id.data();
+    args.id_runs = uint32_t(state.parts.by_id.size());
+  }
   args.keys = owners.keys.data();
   args.triangles = owners.triangles.data();
   args.to = owners.to.data();

@@ -87,7 +87,9 @@ __device__ inline void ShadeAndBlend(const CoverageShadingArgs& args, const Tria
     if (out.discard) continue;
     kept = true;
     if (shaded.target.own_presence) atomicOr(shaded.target.presence + word, 1u << x);
-    BlendShaded(shaded, out, in.triangle, rank);
+    // `first` keeps the smallest id, `replace` the largest number: the same unless parts are filled.
+    const bool by_number = shaded.has_owner && shaded.to.kept == Kept::kMax;
+    BlendShaded(shaded, out, by_number ? in.triangle - in.part->id_offset : in.triangle, rank);
   }
   if (kept && args.coverage != nullptr) atomicOr(args.coverage + word, 1u << x);
 }

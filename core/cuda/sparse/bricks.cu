@@ -24,7 +24,9 @@ struct BrickArgs {
   uint32_t* listed_bits;  // if not null: receives the bit index of each voxel; values are stored later
   bool emits;             // true if this kernel stores any values
   TargetViews targets;
-  FillValue fill[kMaxTargets];  // of filled results
+  FillValue fill[kMaxTargets];             // of filled results
+  const FillValue* of_parts[kMaxTargets];  // as in FillArgs (crossings.cuh)
+  const uint16_t* ranks;
   uint64_t all_voxels;
   uint64_t* bricks;
   uint8_t* masks;
@@ -94,6 +96,12 @@ __device__ inline void StoreElement(uint8_t* to, VoxelFormat format, uint64_t at
   }
 }
 
+// The fill value of the part around a voxel's centre.
+__device__ inline const FillValue& FillOfPart(const BrickArgs& args, int t, const int64_t (&at)[3]) {
+  const int64_t row = at[1] + args.grid.dims[1] * (at[2] - args.grid.slab_begin);
+  return args.of_parts[t][args.ranks[row * args.grid.dims[0] + at[0]] - 1];
+}
+
 // Stores the values of voxel `x` of a tile's row as voxel n of the result.
 __device__ inline void EmitVoxel(const BrickArgs& args, const TileAt& tile, int row, int x, uint64_t word, uint64_t n) {
   const bool here = (args.coverage[word] >> x & 1) != 0;
@@ -107,7 +115,9 @@ __device__ inline void EmitVoxel(const BrickArgs& args, const TileAt& tile, int 
     for (int c = 0; c < target.components; ++c) {
       uint32_t stored = target.clear_stored;
       if (!kept && filled) {
-        stored = FillStored(args.fill[t], tile.x * 32 + x, tile.y * 8 + row % 8, tile.z * 8 + row / 8, c);
+        const int64_t at[3] = {tile.x * 32 + x, tile.y * 8 + row % 8, tile.z * 8 + row / 8};
+        const FillValue& fill = args.of_parts[t] == nullptr ? args.fill[t] : FillOfPart(args, t, at);
+        stored = FillStored(fill, at[0], at[1], at[2], c);
       }
       if (kept) {
         stored = target.is_occupancy || (target.bits[word] >> x & 1) != 0;
@@ -208,12 +218,18 @@ absl::Status MakeBricks(RunState& state) {
     if (state.targets.at[t].format == VoxelFormat::kBit) VOXELPIPE_OK_OR_RETURN(values.Fill(0, state.stream));
     args.out[t] = values.data();
     args.fill[t] = FillValueOf(state.request, size_t(t), state.grid);
+    if (const auto& of_parts = state.parts.fills[size_t(t)]; !of_parts.empty()) args.of_parts[t] = of_parts.data();
   }
+  args.ranks = state.parts.inside_ranks.data();
   if (out.listed_bricks == 0) return absl::OkStatus();
   args.first_brick = state.sparse.first_brick.data();
   args.first_voxel = state.sparse.first_voxel.data();
   args.emits = true;
-  if (state.plan.blends()) {
+  bool values_later = false;  // bits are stored here
+  for (int t = 0; t < state.targets.count && state.plan.blends(); ++t) {
+    values_later = values_later || state.targets.at[t].format != VoxelFormat::kBit;
+  }
+  if (values_later) {
     VOXELPIPE_OK_OR_RETURN(state.sparse.listed_bits.Resize(out.listed_voxels, state.stream));
     args.listed_bits = state.sparse.listed_bits.data();
     args.emits = args.inside != nullptr;
@@ -229,7 +245,7 @@ absl::Status MakeBricks(RunState& state) {
   const uint64_t blocks = std::min<uint64_t>(uint64_t(state.device.multiprocessors) * 16, (args.tile_count + 7) / 8);
   EmitBricks<<<unsigned(blocks), kThreads, 0, state.stream>>>(args);
   VOXELPIPE_LAUNCHED_OR_RETURN("EmitBricks");
-  return state.plan.blends() ? StoreListed(state) : absl::OkStatus();
+  return values_later ? StoreListed(state) : absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cuda

@@ -177,6 +177,7 @@ void AbandonSlab(RunState& state) {
   state.a_buffer.Free();
   state.sparse.Free();
   state.owners.Free();
+  state.parts.FreeSlab();
   state.span_targets = {};  // includes the values of all triangles, which are recomputed
   state.scratch.Free();
   if (cudaStreamSynchronize(state.stream) != cudaSuccess) (void)cudaGetLastError();  // the next call returns the error

@@ -108,11 +108,11 @@ absl::Status Pack(RunState& state, const Vec3d& extent, uint8_t* room) {
   return absl::OkStatus();
 }
 
-// The packed mesh, cached with the mesh if its positions are; null if memory is short.
+// The packed mesh, cached with the mesh if its positions are and triangles are numbered by id; null if memory is short.
 const uint8_t* MakePacked(RunState& state, const Vec3d& extent) {
   const uint64_t bytes = kHead + 2 * 3 * state.mesh.host_view.triangle_count * sizeof(PackedVertex);
   const SharedArrays shared = SharedArraysOf(state.host.mesh.content_id);
-  if (shared.positions && !shared.id.empty() && state.mesh.as_loaded) {
+  if (shared.positions && !shared.id.empty() && state.mesh.as_loaded && state.parts.ids_in_order) {
     auto array = CachedMade(
         state.device.ordinal, absl::StrCat(shared.id, "/scattered"), bytes, state.stream,
         [&](uint8_t* room) { return Pack(state, extent, room); }, Keeping::kIfRoom);

@@ -3,14 +3,17 @@
 // The device shades: it reads the flattened arrays, uploaded or cached, and the shader's parameters. Poses are
 // evaluated on the host with libm and uploaded (pose_upload.cpp). The host shades if the result is invalid, to name the
 // vertex; and it measures small meshes that no shader changes, because it is faster than waiting for the device.
+#include <algorithm>
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "cuda/device/mesh_cache.h"
 #include "cuda/device/mesh_uploads.h"
 #include "cuda/vertex/vertex_shade.h"
+#include "host_mesh/order_parts.h"
 #include "host_mesh/surface_sums.h"
 #include "mesh/content_id.h"
 #include "mesh/views/mips.h"
@@ -130,6 +133,7 @@ absl::Status UploadMesh(RunState& state, const Wanted& wanted) {
   VOXELPIPE_OK_OR_RETURN(upload(true, false, "parts", host.parts, host.part_count, mesh.parts, there.parts));
   VOXELPIPE_OK_OR_RETURN(
       upload(shading, false, "materials", host.materials, host.material_count, mesh.materials, there.materials));
+  if (!state.parts.ids_in_order) VOXELPIPE_OK_OR_RETURN(OrderTriangles(state));
   if (shading) {
     VOXELPIPE_OK_OR_RETURN(UploadTextures(state));
     VOXELPIPE_OK_OR_RETURN(UploadAttributes(state));
@@ -203,6 +207,23 @@ uint64_t HeldBytes(RunState& state) {
   return state.memory.taken_bytes();
 }
 
+// Numbers the triangles for a request whose parts are filled.
+absl::Status NumberByParts(RunState& state) {
+  PartState& parts = state.parts;
+  parts.filled = true;
+  parts.count = uint32_t(state.request.parts->parts.size());
+  const absl::StatusOr<bool> in_order = OrderRunsByParts(state.host);
+  if (!in_order.ok()) return in_order.status();
+  parts.ids_in_order = *in_order;
+  if (*in_order) return absl::OkStatus();
+  std::vector<IdRun> runs;
+  for (const PartView& part : state.host.parts) {
+    runs.push_back({uint32_t(part.first_triangle) + part.id_offset, part.id_offset});
+  }
+  std::sort(runs.begin(), runs.end(), [](const IdRun& a, const IdRun& b) { return a.first_id < b.first_id; });
+  return parts.by_id.Upload(runs, state.stream);
+}
+
 // Below so many triangles the host measures faster than the device responds.
 constexpr uint64_t kMinMeasured = 1 << 16;
 
@@ -216,12 +237,13 @@ bool AnyShading(const BoundRequest& request) {
 }
 
 bool WantsSums(const VoxelizeRequest& request) {
-  return request.result != ResultKind::kDense || !footprint::PlainBits(request);
+  return request.result != ResultKind::kDense || !footprint::PlainBits(request) || FillsParts(request);
 }
 
 absl::StatusOr<MeshExtent> VertexShade(RunState& state) {
   HostMesh& host = state.host;
   MakeViews(host);
+  if (FillsParts(state.request.request)) VOXELPIPE_OK_OR_RETURN(NumberByParts(state));
   absl::StatusOr<PosedMesh> posed = MakePose(host);
   if (!posed.ok()) return posed.status();
   const VertexWork work = WorkOf(host, *posed);

@@ -18,6 +18,9 @@ struct DevicePose {
 // Uploads the mesh's primitives, unless cached, and the pose; sets the pose members of `args`. `posed` must have parts.
 absl::Status UploadPose(RunState& state, const PosedMesh& posed, DevicePose& memory, VertexArgs& args);
 
+// Orders the uploaded triangles of state.mesh by parts, as the uploaded runs number them (PartState).
+absl::Status OrderTriangles(RunState& state);
+
 // Launches the shader for all vertices.
 absl::Status RunVertexShader(const RunState& state, VertexShaderId shader, const VertexArgs& args);
 

@@ -58,6 +58,29 @@ TEST(FootprintTest, RecordsAndSpansOfBlendedTargetsCount) {
   EXPECT_GT(Lists(Floats(Blend::kAdd, ResultKind::kDense), 256, Sphere(kTriangles)), lists);  // sums take 8 bytes
 }
 
+TEST(FootprintTest, FilledPartsCountTheirCrossingsAndTheRanksOfVoxels) {
+  VoxelizeRequest request;
+  request.fill = Fill::kNonzero;
+  const GridSpec grid = Cube(256);
+  const MeshSize few = Sphere(1000), many = Sphere(100'000);
+  const auto bytes = [&](const MeshSize& mesh, double crossings, PartScope scope) {
+    request.parts.scope = scope;
+    Surface surface = EstimateSurface(request, grid, mesh);
+    surface.crossings = crossings;
+    return PredictSlabBytes(request, grid, mesh, surface, 256);
+  };
+  constexpr uint64_t kRanks = 2 << 24;  // of 256^3 voxels
+  EXPECT_GE(bytes(few, 0, PartScope::kNode), kRanks);
+  // Two keys of 8 bytes each, and what is above the expected number.
+  const uint64_t more = bytes(few, 1e8, PartScope::kNode) - bytes(few, 9e7, PartScope::kNode);
+  EXPECT_GE(more, uint64_t(1e7) * 16);
+  EXPECT_LE(more, uint64_t(1e7) * 24);
+  EXPECT_EQ(bytes(few, 1e8, PartScope::kWhole), bytes(few, 0, PartScope::kWhole));
+  // Records, although all targets are the coverage.
+  request.parts.scope = PartScope::kNode;
+  EXPECT_GE(Lists(request, 256, many), 24u * 100'000);
+}
+
 TEST(FootprintTest, SlabsHaveNoMoreVoxelsThanSpansHaveNumbersFor) {
   const MeshSize mesh = Sphere(100'000);
   const auto depth = [&](const VoxelizeRequest& request) {

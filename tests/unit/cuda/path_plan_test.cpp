@@ -111,6 +111,28 @@ TEST(PathPlanTest, OwnersOfBitsOfFilledGridsAndOfSeveralTargetsAreFoundInAccumul
   EXPECT_EQ(NameOf(several, 1), "fragments in accumulators");
 }
 
+TEST(PathPlanTest, OwnersOfFilledPartsAreFoundInAccumulators) {
+  for (const ResultKind result : {ResultKind::kDense, ResultKind::kSparse}) {
+    PathInputs in = Inputs({Bit(), Floats(Blend::kReplace), Flat(Blend::kMax), Floats(Blend::kAdd)}, result);
+    in.fill = Fill::kNonzero;
+    in.by_parts = true;
+    EXPECT_EQ(PlanPath(in).path, Path::kAccumulators);
+    EXPECT_EQ(NameOf(in, 0), "coverage, by parts");
+    EXPECT_EQ(NameOf(in, 1), "owners in accumulators, by parts");
+    const bool dense = result == ResultKind::kDense;
+    EXPECT_EQ(NameOf(in, 2),
+              dense ? "triangles in place, by records, by parts" : "triangles in accumulators, by parts");
+    EXPECT_EQ(NameOf(in, 3), "fragments in accumulators, by parts");
+    in.coverage = Coverage::kNone;
+    EXPECT_EQ(NameOf(in, 1), "nothing, by parts");
+  }
+  PathInputs alone = Inputs({Bit()});  // neither rows of bits nor in place: who owns a voxel is counted
+  alone.by_parts = true;
+  EXPECT_EQ(NameOf(alone), "coverage, by parts");
+  alone.targets[0] = Flat(Blend::kMax);
+  EXPECT_EQ(NameOf(alone), "triangles in place, by records, by parts");
+}
+
 TEST(PathPlanTest, FragmentsThatMayBeDiscardedAreShadedWhateverTheBlend) {
   for (const Blend blend : {Blend::kReplace, Blend::kMax, Blend::kCount}) {
     PathInputs in = Inputs({Flat(blend)});

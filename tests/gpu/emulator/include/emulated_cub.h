@@ -38,6 +38,13 @@ struct DeviceRadixSort {
     }
     return cudaSuccess;
   }
+  template <typename Key, typename Count>
+  static cudaError_t SortKeys(void* scratch, size_t& bytes, DoubleBuffer<Key>& keys, Count count, int begin_bit = 0,
+                              int end_bit = sizeof(Key) * 8, cudaStream_t stream = nullptr) {
+    DoubleBuffer<Key> values(keys.Current(), keys.Alternate());
+    const cudaError_t error = SortPairs(scratch, bytes, keys, values, count, begin_bit, end_bit, stream);
+    return error;
+  }
   template <typename Key, typename Value, typename Count>
   static cudaError_t SortPairs(void* scratch, size_t& bytes, DoubleBuffer<Key>& keys, DoubleBuffer<Value>& values,
                                Count count, int begin_bit = 0, int end_bit = sizeof(Key) * 8,
