@@ -291,6 +291,8 @@ std::string Describe(const ParityCase& c) {
   const VoxelizeRequest& r = c.request;
   std::string out = absl::StrCat(Word(Name(r.result)), " ", Word(Name(r.coverage)), " fill=", Word(Name(r.fill)), " ",
                                  Describe(r.grid), r.layout == Layout::kPlanar ? " planar" : "");
+  if (r.parts.scope != PartScope::kWhole) absl::StrAppend(&out, " parts=", Word(Name(r.parts.scope)));
+  for (const PartRule& rule : r.parts.priorities) absl::StrAppend(&out, " '", rule.pattern, "'=", rule.number);
   if (c.slab_depth != 0) absl::StrAppend(&out, " slabs of ", c.slab_depth);
   if (c.streamed) absl::StrAppend(&out, " streamed");
   if (!(r.vertex_shader == ShaderCall{"identity", {}})) absl::StrAppend(&out, " | ", Describe(r.vertex_shader));
@@ -308,9 +310,12 @@ std::string Describe(const ParityCase& c) {
 
 std::vector<std::string> FeaturesOf(const ParityCase& c) {
   const VoxelizeRequest& r = c.request;
-  std::vector<std::string> words = {
-      Word(Name(r.result)), Word(Name(r.coverage)), absl::StrCat("fill=", Word(Name(r.fill))),
-      absl::StrCat("vertex:", r.vertex_shader.name), r.targets.size() == 1 ? "one target" : "several targets"};
+  std::vector<std::string> words = {Word(Name(r.result)),
+                                    Word(Name(r.coverage)),
+                                    absl::StrCat("fill=", Word(Name(r.fill))),
+                                    absl::StrCat("parts=", Word(Name(r.parts.scope))),
+                                    absl::StrCat("vertex:", r.vertex_shader.name),
+                                    r.targets.size() == 1 ? "one target" : "several targets"};
   if (r.layout == Layout::kPlanar) words.push_back("planar");
   if (c.slab_depth != 0) words.push_back("slabs");
   if (c.streamed) words.push_back("streamed");

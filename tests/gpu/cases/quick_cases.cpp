@@ -60,6 +60,21 @@ std::vector<ParityCase> QuickCases(const ParityMesh& named) {
   add(ResultKind::kSparse, Coverage::kConservative, Fill::kNone,
       {target(VoxelFormat::kF16, 1, Blend::kReplace, "base_color")});
   add(ResultKind::kSparse, Coverage::kConservative, Fill::kParity, many);
+  // Parts that are filled each by itself: owners, ids and values of triangles, fragments.
+  const std::vector<TargetSpec> of_parts = {bit,
+                                            target(VoxelFormat::kU16, 1, Blend::kReplace, "label"),
+                                            target(VoxelFormat::kU32, 1, Blend::kFirst, "triangle_id"),
+                                            target(VoxelFormat::kF32, 1, Blend::kMax, "triangle_id"),
+                                            target(VoxelFormat::kF32, 3, Blend::kAverage, "normal"),
+                                            target(VoxelFormat::kU16, 1, Blend::kAdd, "material_id"),
+                                            target(VoxelFormat::kU8, 4, Blend::kReplace, "base_color")};
+  for (const Coverage coverage : {Coverage::kConservative, Coverage::kNone}) {
+    for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse}) {
+      ParityCase& c = add(kind, coverage, cases.size() % 2 == 0 ? Fill::kParity : Fill::kNonzero, of_parts);
+      c.request.parts.scope = PartScope::kMaterial;
+      c.slab_depth = kind == ResultKind::kDense ? 8 : 0;
+    }
+  }
   add(ResultKind::kBuckets, Coverage::kConservative, Fill::kNone, {bit});
   add(ResultKind::kBuckets, Coverage::kThin, Fill::kNone, many).request.layout = Layout::kPlanar;
   return cases;

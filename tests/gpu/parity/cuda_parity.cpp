@@ -37,8 +37,10 @@
 #include "gpu/cases/parity_cases.h"
 #include "gpu/cases/parity_options.h"
 #include "gpu/cases/parity_subjects.h"
+#include "gpu/cases/part_cases.h"
 #include "gpu/parity/batch_parity.h"
 #include "gpu/parity/first_difference.h"
+#include "gpu/parity/memory_parity.h"
 #include "gpu/parity/parity_paths.h"
 #include "gpu/parity/parity_run.h"
 #include "mesh/content_id.h"
@@ -53,10 +55,6 @@
 
 namespace voxelpipe::gpu {
 namespace {
-
-std::string Message(const absl::Status& status) {
-  return absl::StrCat(absl::StatusCodeToString(status.code()), ": ", std::string(status.message()));
-}
 
 class Parity {
  public:
@@ -186,34 +184,22 @@ class Parity {
     return true;
   }
 
-  // More than any device has, and more than the backend counts: marked for another one to try, and what comes after it
-  // works.
+  // Of rows that many parts cross.
+  void RunRowsInRanges(const ParityMesh& named, const TriangleMesh& mesh) {
+    const ParityCase c = CaseOfRanges();
+    const std::string line = absl::StrCat(named.name, "_ranges#0 ", Describe(c));
+    if (options_.list || options_.self || !absl::StrContains(line, options_.filter)) return;
+    ++cases_;
+    if (const auto difference = RowsInRanges(mesh, c)) Differ(c, line, *difference);
+  }
+
   void RunOutOfMemory() {
     const std::string line = "out_of_memory#0 8 x f32x4 dense 28000x28000x8, which are the fewest layers";
     if (options_.list || !absl::StrContains(line, options_.filter)) return;
     ++cases_;
-    ParityCase c;
-    c.request.backend = BackendChoice::kCuda;
-    c.request.grid = Placed({28000, 28000, 8}, {0, 0, 0}, {1, 1, 1});
-    c.request.targets[0].format = VoxelFormat::kF32;
-    c.request.targets[0].components = 4;
-    c.request.targets[0].blend = Blend::kMax;
-    c.request.targets.resize(kMaxTargets, c.request.targets[0]);
-    PlanLimits limits;
-    limits.max_result_bytes = limits.max_working_bytes = limits.slab_bytes = UINT64_MAX / 4;
-    const TriangleMesh mesh = testing::Cube(16);
-    const absl::Status status = Voxelize(mesh, c.request, {JobContext(), limits}).status();
-    c.request.grid.dims = {30000, 30000, 8};
-    c.request.targets = {TargetSpec()};
-    const absl::Status face = Voxelize(mesh, c.request, {JobContext(), limits}).status();
-    for (const absl::Status& s : {status, face}) {
-      if (!absl::IsResourceExhausted(s) || DeviceFailureOf(s) != DeviceFailureKind::kOutOfMemory)
-        return Differ(c, line, Message(s));
-    }
-    c.request.grid.dims = {64, 64, 64};
-    const absl::Status after = Voxelize(mesh, c.request, {JobContext()}).status();
-    if (!after.ok()) Differ(c, line, "afterwards: " + Message(after));
-    ++refused_["out of memory: " + Message(status)];
+    std::string refusal;
+    if (const auto wrong = MoreThanDevicesHave(refusal)) return Differ(ParityCase(), line, *wrong);
+    ++refused_["out of memory: " + refusal];
   }
 
   // All fragments in one of 64 slabs, where the plan spreads them: what lists come to need more is taken from the job's
@@ -410,6 +396,21 @@ bool RunBeyond32Bits(Parity& parity, const ParityOptions& options) {
   return parity.RunMesh({"beyond_32_bits", 4096, {}}, mesh, cases, 1);
 }
 
+// Fills of parts, of meshes that the device keeps too: it has their triangles in the order of ids.
+bool RunParts(Parity& parity, const ParityOptions& options) {
+  for (const ParityMesh& named : PartMeshes(options.seed, options.quick)) {
+    TriangleMesh mesh = named.make();
+    std::vector<ParityCase> cases = PartCases(named, options.quick);
+    if (!parity.RunMesh(named, mesh, cases, options.quick ? 1 : 0)) return false;
+    if (named.name == "parts_rows") parity.RunRowsInRanges(named, mesh);
+    if (options.quick) continue;
+    mesh.content_id = "parts of " + named.name;
+    for (size_t i = 0; i < cases.size(); i += 3) cases[i].request.parts = {};
+    if (!parity.RunMesh({named.name + "_kept", named.extent, {}}, mesh, cases, 1)) return false;
+  }
+  return true;
+}
+
 void AddTo(BatchParity& batches, const Subject& subject, const ParityOptions& options) {
   if (subject.large || options.every > 1) return;
   batches.Add(subject.named.name, subject.mesh, subject.cases, options.quick ? 1 : 8);
@@ -446,6 +447,7 @@ void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) 
     if (subject->rigged && !parity.RunVertexShaders(named, mesh)) return;
     if (in_batches) AddTo(batches, *subject, options);
   }
+  if (!RunParts(parity, options)) return;
   if (in_batches) batches.Finish();
   if (!options.self) parity.RunBeyondThePlan();
   if (options.quick) return;

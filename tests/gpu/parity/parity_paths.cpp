@@ -16,6 +16,10 @@ bool PrintPaths(const std::map<std::string, uint64_t>& paths, const ParityOption
         "owners in bricks", "owners in accumulators", "fragments in accumulators"}) {
     wanted.push_back(path);
   }
+  for (const char* path : {"nothing", "coverage", "triangles in accumulators", "triangles in place, by records",
+                           "owners in accumulators", "fragments in accumulators"}) {
+    wanted.push_back(std::string(path) + ", by parts");
+  }
   if (options.cache > 0 && all_cases) wanted.push_back("triangles in place, float4");  // of fine meshes
   bool all = true;
   for (const std::string& path : wanted) {

@@ -1,0 +1,27 @@
+// Runs for which a device has little memory, or none.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "gpu/cases/parity_cases.h"
+#include "mesh/triangle_mesh.h"
+
+namespace voxelpipe::gpu {
+
+// "RESOURCE_EXHAUSTED: ...".
+std::string Message(const absl::Status& status);
+
+// Filled parts in eight layers: slabs cannot be thinner.
+ParityCase CaseOfRanges();
+// Runs that case with less and less device memory. The crossings of all its rows take more than one has: they are taken
+// in ranges of rows, with the CPU's bytes, until one row has no room, which is RESOURCE_EXHAUSTED. Out: what is wrong.
+// `mesh`: some 300 parts in nearly every row, whose crossings take 3 MB.
+std::optional<std::string> RowsInRanges(const TriangleMesh& mesh, ParityCase c);
+
+// Requests for more than any device has, and for more than the backend counts: marked for another one to try, and what
+// comes after them works. Out: what is wrong; in `refusal` what the first one gave.
+std::optional<std::string> MoreThanDevicesHave(std::string& refusal);
+
+}  // namespace voxelpipe::gpu
