@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <condition_variable>
+#include <deque>
 #include <exception>
 #include <filesystem>
 #include <mutex>
@@ -10,8 +11,10 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "batch/claim.h"
 #include "batch/done_record.h"
 #include "batch/inside.h"
+#include "batch/run_presence.h"
 #include "batch/server_pool.h"
 #include "encode/atomic_file.h"
 #include "encode/encode.h"
@@ -25,7 +28,9 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = ServerPool::Clock;
 
-constexpr std::chrono::milliseconds kPollInterval{50};  // poll interval for signals
+constexpr std::chrono::milliseconds kPollInterval{50};        // poll interval for signals
+constexpr std::chrono::milliseconds kClaimPollInterval{250};  // of an item that another run has claimed
+constexpr size_t kMaxPutOff = 1024;                           // such items in memory
 
 // Permanent errors: the item's own, so that any server repeats them.
 bool IsPermanent(const absl::Status& status, bool by_server) {
@@ -56,12 +61,14 @@ bool IsWorthAnotherTry(const absl::Status& status) {
 
 class Run {
  public:
-  Run(const BatchPlan& plan, const BatchHooks& hooks)
-      : plan_(plan), hooks_(hooks), servers_(plan.servers.size()), reports_(plan.items.size()) {}
+  Run(const BatchPlan& plan, const BatchHooks& hooks) : plan_(plan), hooks_(hooks), servers_(plan.servers.size()) {}
 
-  BatchResult Go() {
+  absl::StatusOr<BatchResult> Go() {
     const Stopwatch clock;
-    const size_t count = std::min(size_t(std::max(1, plan_.jobs)), plan_.items.size());
+    absl::StatusOr<RunPresence> presence = RunPresence::Begin(plan_.output_dir);
+    if (!presence.ok()) return presence.status();
+    presence_ = &*presence;
+    const auto count = size_t(std::max(1, plan_.jobs));
     {
       const std::lock_guard lock(mutex_);
       workers_ = count;
@@ -71,13 +78,22 @@ class Run {
     for (size_t i = 0; i < count; ++i) threads.emplace_back([this, i] { Work(i); });
     Watch();
     for (std::thread& thread : threads) thread.join();
-    if (hooks_.on_progress) hooks_.on_progress(ended_, failed_);
-    return {std::move(reports_), clock.Milliseconds() / 1000, gone_};
+    if (hooks_.on_progress) hooks_.on_progress(result_.totals.ended(), result_.totals.failed);
+    result_.totals.left = result_.totals.items - result_.totals.ended();
+    result_.seconds = clock.Milliseconds() / 1000;
+    return std::move(result_);
   }
 
  private:
+  // An item that another run has claimed.
+  struct PutOff {
+    BatchItem item;
+    Clock::time_point until;
+  };
+
   // Polls for a signal until the workers have ended.
   void Watch() {
+    Clock::time_point next_beat = Clock::now() + RunPresence::kBeatInterval;
     std::unique_lock lock(mutex_);
     while (!changed_.wait_for(lock, kPollInterval, [this] { return workers_ == 0; })) {
       if (hooks_.stop_signal && hooks_.stop_signal() != 0) {
@@ -87,49 +103,98 @@ class Run {
         }
         changed_.notify_all();
       }
-      if (!hooks_.on_progress) continue;
-      const size_t ended = ended_, failed = failed_;
+      const BatchTotals totals = result_.totals;
       lock.unlock();
-      hooks_.on_progress(ended, failed);
+      if (const Clock::time_point now = Clock::now(); now >= next_beat) {
+        presence_->Beat();
+        next_beat = now + RunPresence::kBeatInterval;
+      }
+      if (hooks_.on_progress) hooks_.on_progress(totals.ended(), totals.failed);
       lock.lock();
     }
   }
 
   void Work(size_t worker) {
     std::vector<std::unique_ptr<Engine>> engines(std::max<size_t>(1, plan_.servers.size()));
-    while (const std::optional<size_t> item = NextItem()) {
-      ItemReport& report = reports_[*item];
+    while (std::optional<BatchItem> item = NextItem()) {
+      ItemReport report;
       const Stopwatch clock;
-      const absl::Status status = DoItem(plan_.items[*item], worker, engines, report);
+      const absl::Status status = DoItem(*item, worker, engines, report);
       report.milliseconds = clock.Milliseconds();
-      Ended(plan_.items[*item], status, report);
+      if (status.ok() && report.status == ItemStatus::kLeft) {
+        const std::lock_guard lock(mutex_);
+        put_off_.push_back({*std::move(item), Clock::now() + kClaimPollInterval});
+      } else {
+        Ended(*item, status, report);
+      }
     }
     const std::lock_guard lock(mutex_);
     --workers_;
     changed_.notify_all();
   }
 
-  std::optional<size_t> NextItem() {
-    const std::lock_guard lock(mutex_);
-    if (stopping_ || (plan_.fail_fast && failed_ > 0) || next_ == plan_.items.size()) return std::nullopt;
-    return next_++;
+  // Those that were put off come after all others, or before where they are too many to keep.
+  std::optional<BatchItem> NextItem() {
+    if (std::optional<BatchItem> item = NextOfList()) return item;
+    std::unique_lock lock(mutex_);
+    while (!IsOver() && !put_off_.empty()) {
+      if (const Clock::time_point until = put_off_.front().until; Clock::now() < until) {
+        changed_.wait_until(lock, until);
+        continue;
+      }
+      BatchItem item = std::move(put_off_.front().item);
+      put_off_.pop_front();
+      return item;
+    }
+    return std::nullopt;
   }
+
+  std::optional<BatchItem> NextOfList() {
+    const std::lock_guard one_reader(list_mutex_);
+    {
+      const std::lock_guard lock(mutex_);
+      if (list_ended_ || IsOver() || put_off_.size() >= kMaxPutOff) return std::nullopt;
+    }
+    absl::StatusOr<std::optional<BatchItem>> item = hooks_.next_item();
+    const std::lock_guard lock(mutex_);
+    if (item.ok() && item->has_value()) {
+      ++result_.totals.items;
+      return *std::move(item);
+    }
+    list_ended_ = true;
+    if (!item.ok()) result_.list = item.status();
+    return std::nullopt;
+  }
+
+  // Under the lock: no further item begins.
+  bool IsOver() const { return stopping_ || (plan_.fail_fast && result_.totals.failed > 0); }
 
   void Ended(const BatchItem& item, const absl::Status& status, ItemReport& report) {
     const std::lock_guard lock(mutex_);
-    ++ended_;
-    if (status.ok()) return;
-    if (stopping_) {
-      report.status = ItemStatus::kLeft;  // ended by the stop, whatever its status
-      --ended_;
-      return;
+    BatchTotals& totals = result_.totals;
+    if (status.ok()) {
+      ++(report.status == ItemStatus::kDone ? totals.done : totals.skipped);
+      if (report.status == ItemStatus::kDone) totals.bytes += report.bytes;
+      if (!report.warnings.empty()) ++totals.warned;
+      AddWarningsOf(item, report);
+    } else {
+      if (stopping_) return;  // ended by the stop, whatever its status
+      report.status = ItemStatus::kFailed;
+      report.error = status;
+      report.permanent = report.permanent || IsPermanent(status, !plan_.servers.empty() && report.attempts > 0);
+      if (IsBusy(status)) report.permanent = false;
+      ++totals.failed;
+      totals.permanent += report.permanent ? 1 : 0;
     }
-    report.status = ItemStatus::kFailed;
-    report.error = status;
-    report.permanent = report.permanent || IsPermanent(status, !plan_.servers.empty() && report.attempts > 0);
-    if (IsBusy(status)) report.permanent = false;
-    ++failed_;
-    if (hooks_.on_failure) hooks_.on_failure(item, status);
+    if (hooks_.on_ended) hooks_.on_ended(item, report);
+  }
+
+  void AddWarningsOf(const BatchItem& item, const ItemReport& report) {
+    WarningList& all = result_.warnings;
+    for (const Warning& warning : report.warnings.kept()) {
+      all.Add(warning.code, absl::StrCat(item.id, warning.place.empty() ? "" : ": ", warning.place), warning.text);
+    }
+    all.set_left_out(all.left_out() + report.warnings.left_out());
   }
 
   bool IsBusy(const absl::Status& status) const { return hooks_.retry_delay && hooks_.retry_delay(status).has_value(); }
@@ -185,6 +250,16 @@ class Run {
     return absl::OkStatus();
   }
 
+  // True, and the report is that of the item's record, if it has one.
+  bool IsDone(const BatchItem& item, const Prepared& prepared, ItemReport& report) const {
+    const absl::StatusOr<DoneRecord> record = FindRecord(plan_.output_dir, item, prepared.key);
+    if (!record.ok()) return false;
+    report.status = ItemStatus::kSkipped;
+    Tell(*record, report);
+    return true;
+  }
+
+  // OK with a report that says kLeft: another run has the item.
   absl::Status DoItem(const BatchItem& item, size_t worker, std::vector<std::unique_ptr<Engine>>& engines,
                       ItemReport& report) {
     try {
@@ -192,17 +267,18 @@ class Run {
       const JobContext reading;
       absl::StatusOr<Prepared> prepared = Prepare(item, reading);
       if (!prepared.ok()) return prepared.status();
-      if (const absl::StatusOr<DoneRecord> record = FindRecord(plan_.output_dir, item, prepared->key); record.ok()) {
-        report.status = ItemStatus::kSkipped;
-        Tell(*record, report);
-        return absl::OkStatus();
-      }
+      if (IsDone(item, *prepared, report)) return absl::OkStatus();
+      const absl::StatusOr<std::optional<Claim>> claim = Claim::Take(plan_.output_dir, item, *presence_);
+      if (!claim.ok()) return claim.status();
+      if (!claim->has_value()) return absl::OkStatus();
+      const Claim& ours = **claim;
+      if (IsDone(item, *prepared, report)) return absl::OkStatus();  // until the claim it was another run's
       if (absl::Status s = RemoveRecord(plan_.output_dir, item); !s.ok()) return s;
       if (plan_.servers.empty()) {
         if (engines[0] == nullptr) engines[0] = hooks_.make_engine("");
-        return Attempt(item, *std::move(prepared), worker, *engines[0], report).status;
+        return Attempt(item, *std::move(prepared), ours, worker, *engines[0], report).status;
       }
-      return DoOnServers(item, std::move(prepared), worker, engines, report);
+      return DoOnServers(item, std::move(prepared), ours, worker, engines, report);
     } catch (const std::bad_alloc&) {
       return absl::ResourceExhaustedError("out of memory");
     } catch (const std::exception& error) {
@@ -211,7 +287,7 @@ class Run {
   }
 
   // Repeats attempts until one is final. Each retry reads the mesh again: it is not kept while it is sent.
-  absl::Status DoOnServers(const BatchItem& item, absl::StatusOr<Prepared> prepared, size_t worker,
+  absl::Status DoOnServers(const BatchItem& item, absl::StatusOr<Prepared> prepared, const Claim& claim, size_t worker,
                            std::vector<std::unique_ptr<Engine>>& engines, ItemReport& report) {
     std::optional<Clock::time_point> busy_since;
     for (int failures = 0;;) {
@@ -223,7 +299,7 @@ class Run {
       if (engines[server] == nullptr) engines[server] = hooks_.make_engine(plan_.servers[server]);
       if (!prepared.ok()) prepared = Prepare(item, JobContext());
       if (!prepared.ok()) return prepared.status();
-      const Attempted attempted = Attempt(item, *std::move(prepared), worker, *engines[server], report);
+      const Attempted attempted = Attempt(item, *std::move(prepared), claim, worker, *engines[server], report);
       prepared = absl::UnavailableError("used up");
 
       const absl::Status& status = attempted.status;
@@ -282,7 +358,7 @@ class Run {
   void GiveUp(Clock::duration waited) {
     const std::lock_guard lock(mutex_);
     if (stopping_) return;
-    gone_ = absl::UnavailableError(absl::StrCat(
+    result_.gone = absl::UnavailableError(absl::StrCat(
         plan_.servers.size() == 1 ? "the server" : absl::StrCat("none of ", plan_.servers.size(), " servers"),
         plan_.servers.size() == 1 ? " could not be reached for " : " could be reached for ",
         std::chrono::duration_cast<std::chrono::seconds>(waited).count(),
@@ -296,7 +372,8 @@ class Run {
     bool by_engine = false;  // the status is from the engine, a server, or the files written during the run
   };
 
-  Attempted Attempt(const BatchItem& item, Prepared prepared, size_t worker, Engine& engine, ItemReport& report) {
+  Attempted Attempt(const BatchItem& item, Prepared prepared, const Claim& claim, size_t worker, Engine& engine,
+                    ItemReport& report) {
     ++report.attempts;
     JobContext job;
     if (plan_.deadline) job.set_deadline(Clock::now() + *plan_.deadline);
@@ -317,7 +394,7 @@ class Run {
       record.files.push_back({fs::path(path).lexically_relative(plan_.output_dir).string(), 0});
     }
     record.warnings = run->warnings;
-    if (absl::Status s = WriteRecord(plan_.output_dir, item, record); !s.ok()) return {s, false};
+    if (absl::Status s = WriteRecord(plan_.output_dir, item, record, claim.path()); !s.ok()) return {s, false};
     report.status = ItemStatus::kDone;
     if (run->served) report.worker = run->served->worker;
     Tell(record, report);
@@ -367,18 +444,21 @@ class Run {
   const BatchPlan& plan_;
   const BatchHooks& hooks_;
   ServerPool servers_;
-  std::vector<ItemReport> reports_;  // each written by the worker of the item
-  std::mutex mutex_;                 // guards the members below
+  const RunPresence* presence_ = nullptr;  // of this run
+  std::mutex list_mutex_;                  // guards the reading of the list; taken before the other
+  std::mutex mutex_;                       // guards the members below
   std::condition_variable changed_;
   std::vector<JobContext*> running_;  // of each worker
-  size_t workers_ = 0, next_ = 0, ended_ = 0, failed_ = 0;
-  bool stopping_ = false, told_gone_ = false;
-  absl::Status last_unreachable_ = absl::OkStatus(), gone_ = absl::OkStatus();
+  std::deque<PutOff> put_off_;
+  size_t workers_ = 0;
+  bool list_ended_ = false, stopping_ = false, told_gone_ = false;
+  absl::Status last_unreachable_ = absl::OkStatus();
+  BatchResult result_;
 };
 
 }  // namespace
 
-BatchResult RunBatch(const BatchPlan& plan, const BatchHooks& hooks) {
+absl::StatusOr<BatchResult> RunBatch(const BatchPlan& plan, const BatchHooks& hooks) {
   return Run(plan, hooks).Go();
 }
 

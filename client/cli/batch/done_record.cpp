@@ -101,7 +101,8 @@ absl::Status RemoveRecord(const std::string& output_dir, const BatchItem& item) 
   return error ? absl::ErrnoToStatus(error.value(), absl::StrCat("cannot remove '", path, "'")) : absl::OkStatus();
 }
 
-absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, DoneRecord record) {
+absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, DoneRecord record,
+                         const std::string& claim) {
   ordered_json files = ordered_json::array();
   for (DoneRecord::File& file : record.files) {
     std::error_code error;
@@ -119,7 +120,9 @@ absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, D
   absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
   if (!file.ok()) return file.status();
   if (absl::Status s = file->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !s.ok()) return s;
-  return file->Commit();
+  const absl::Status committed = file->Commit(claim);
+  // Another run that looked for the claim may have given the record its name.
+  return committed.ok() || !FindRecord(output_dir, item, record.key).ok() ? committed : absl::OkStatus();
 }
 
 }  // namespace voxelpipe::cli

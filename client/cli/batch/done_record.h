@@ -8,7 +8,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "base/warning.h"
-#include "batch/manifest.h"
+#include "batch/item_parser.h"
 
 namespace voxelpipe::cli {
 
@@ -40,7 +40,9 @@ absl::StatusOr<DoneRecord> FindRecord(const std::string& output_dir, const Batch
 // Removes the record. Called before an item's files change, so that a record never describes other files.
 absl::Status RemoveRecord(const std::string& output_dir, const BatchItem& item);
 
-// Reads the sizes of `record.files` and writes the record, under a temporary name first.
-absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, DoneRecord record);
+// Reads the sizes of `record.files` and writes the record, under a temporary name first. It replaces the claim of that
+// path, unless that is empty.
+absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, DoneRecord record,
+                         const std::string& claim = {});
 
 }  // namespace voxelpipe::cli

@@ -1,5 +1,6 @@
 #include <algorithm>
-#include <filesystem>
+#include <chrono>
+#include <future>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
@@ -7,11 +8,9 @@
 #include "base/text.h"
 #include "batch/batch_report.h"
 #include "batch/batch_run.h"
-#include "batch/leftovers.h"
 #include "batch/manifest.h"
 #include "commands/commands.h"
 #include "commands/progress_view.h"
-#include "encode/atomic_file.h"
 #include "encode/format_registry.h"
 #include "encode/preview/preview_view.h"
 #include "engine/interrupt.h"
@@ -37,7 +36,7 @@ struct BatchArguments {
 // All was done that can be: no other run will do the rest.
 constexpr int kOnlyPermanentErrors = 3;
 
-// Reads the options and the manifest. Every error is a usage error.
+// Reads the options. Every error is a usage error.
 absl::Status Prepare(BatchArguments& arguments) {
   BatchPlan& plan = arguments.plan;
   constexpr int kMaxJobs = 1024;
@@ -63,11 +62,6 @@ absl::Status Prepare(BatchArguments& arguments) {
     if (!shard.ok()) return shard.status();
     plan.shard = *shard;
   }
-  absl::StatusOr<Manifest> manifest = ReadManifest(plan.manifest, arguments.defaults);
-  if (!manifest.ok()) return manifest.status();
-  for (size_t i = 0; i < manifest->items.size(); ++i) {
-    if (plan.shard.Holds(i)) plan.items.push_back(std::move(manifest->items[i]));
-  }
   const int cores = CpuCount();
   plan.jobs = arguments.jobs.value_or(plan.servers.empty() ? std::min(4, cores) : 4 * int(plan.servers.size()));
   plan.busy_timeout = std::chrono::seconds(arguments.busy_timeout_s);
@@ -76,22 +70,30 @@ absl::Status Prepare(BatchArguments& arguments) {
   return absl::OkStatus();
 }
 
-absl::Status WriteReport(const std::string& path, const std::string& text) {
-  std::error_code ignored;  // creating the file reports the error
-  const std::filesystem::path parent = std::filesystem::path(path).parent_path();
-  if (!parent.empty()) std::filesystem::create_directories(parent, ignored);
-  absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
-  if (!file.ok()) return file.status();
-  if (absl::Status s = file->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !s.ok()) return s;
-  return file->Commit();
+// How many items of the manifest the shard has.
+uint64_t ItemsOf(const Shard& shard, uint64_t items) {
+  const uint64_t first = shard.index % shard.count;
+  return items > first ? (items - first - 1) / shard.count + 1 : 0;
 }
 
-absl::StatusOr<BatchResult> Run(const BatchPlan& plan, const std::string& progress) {
-  const absl::StatusOr<RunLock> lock = RunLock::Take(plan.output_dir, plan.shard);
-  if (!lock.ok()) return lock.status();
-  RemoveLeftovers(plan.output_dir, plan.items);
-  ProgressView view(progress, plan.items.size());
+absl::StatusOr<BatchResult> Run(const BatchPlan& plan, ManifestReader& list, const std::string& progress,
+                                const std::string& report_path) {
+  std::optional<ReportWriter> report;
+  if (!report_path.empty()) {
+    absl::StatusOr<ReportWriter> created = ReportWriter::Create(report_path, plan);
+    if (!created.ok()) return created.status();
+    report.emplace(*std::move(created));
+  }
+  // One pass over the whole list, much faster than its items: for the time left, and for what is left after a stop.
+  std::future<absl::StatusOr<ManifestFacts>> scan = std::async(std::launch::async, [&list] { return list.Scan(); });
+  std::optional<absl::StatusOr<ManifestFacts>> facts;
+  ProgressView view(progress, 0);
+  const auto take_facts = [&] {
+    facts = scan.get();
+    if (facts->ok()) view.set_items(ItemsOf(plan.shard, (*facts)->items));
+  };
   BatchHooks hooks;
+  hooks.next_item = [&list] { return list.Next(); };
   // CheckServerOption has passed: an engine can be made. No retries: the item may run on another server at once.
   hooks.make_engine = [](const std::string& server) { return *MakeEngine(server, /*retries=*/0); };
   hooks.stop_signal = &InterruptSignal;
@@ -101,43 +103,59 @@ absl::StatusOr<BatchResult> Run(const BatchPlan& plan, const std::string& progre
     PrintError("batch", absl::StrCat("no server can be reached, waiting up to ", plan.lost_timeout.count() / 1000,
                                      " s for one: ", ErrorText(status)));
   };
-  hooks.on_progress = [&](size_t ended, size_t failed) { view.ShowEnded(ended, failed); };
-  hooks.on_failure = [&](const BatchItem& item, const absl::Status& status) {
-    PrintError(absl::StrCat(plan.manifest, ":", item.line, ": ", item.id), status);
+  hooks.on_progress = [&](size_t ended, size_t failed) {
+    if (!facts && scan.wait_for(std::chrono::seconds(0)) == std::future_status::ready) take_facts();
+    view.ShowEnded(ended, failed);
   };
-  BatchResult result = RunBatch(plan, hooks);
+  hooks.on_ended = [&](const BatchItem& item, const ItemReport& ended) {
+    if (report) report->Add(item, ended);
+    if (ended.status != ItemStatus::kFailed) return;
+    PrintError(absl::StrCat(plan.manifest, ":", item.line, ": ", item.id), ended.error);
+  };
+  absl::StatusOr<BatchResult> result = RunBatch(plan, hooks);
+  if (!facts) take_facts();
+  if (!result.ok()) return result;
+  view.ShowEnded(result->totals.ended(), result->totals.failed);
   view.Finish();
+  if (!facts->ok()) return facts->status();
+  BatchTotals& totals = result->totals;
+  totals.items = std::max<size_t>(totals.items, ItemsOf(plan.shard, (*facts)->items));
+  totals.left = totals.items - totals.ended();
+  if (report) {
+    result->report = report->Finish(*result, **facts);
+    if (!result->report.ok()) PrintError("batch", result->report);
+  }
   return result;
 }
 
 int Batch(BatchArguments& arguments) {
   const BatchPlan& plan = arguments.plan;
-  if (const absl::Status status = Prepare(arguments); !status.ok()) {
+  const auto usage_error = [](const absl::Status& status) {
     PrintError("", status);
     return 2;
-  }
-  const absl::StatusOr<BatchResult> result = Run(plan, arguments.progress);
+  };
+  if (const absl::Status status = Prepare(arguments); !status.ok()) return usage_error(status);
+  absl::StatusOr<ManifestReader> list = ManifestReader::Open(plan.manifest, arguments.defaults, plan.shard);
+  if (!list.ok()) return usage_error(list.status());
+  const absl::StatusOr<BatchResult> result = Run(plan, *list, arguments.progress, arguments.report);
   if (!result.ok()) {
     PrintError("batch", result.status());
     return 1;
   }
-  absl::Status told = absl::OkStatus();
-  if (!arguments.report.empty()) {
-    told = WriteReport(arguments.report, JsonText(ReportJson(plan, *result), 1) + "\n");
-  }
-  PrintWarnings(plan.manifest, WarningsOf(plan, *result));
-  if (told.ok()) told = PrintLine(arguments.json ? JsonText(TotalsJson(*result)) : TotalsLine(*result));
+  const BatchTotals& totals = result->totals;
+  PrintWarnings(plan.manifest, result->warnings);
+  const absl::Status told = PrintLine(arguments.json ? JsonText(TotalsJson(*result)) : TotalsLine(*result));
   if (!told.ok()) PrintError("batch", told);
   if (const int signal = InterruptSignal(); signal != 0) {
-    PrintError("batch", absl::StrCat(StoppedReason(signal), ", ", TotalsOf(*result).left, " items are left"));
+    PrintError("batch", absl::StrCat(StoppedReason(signal), ", ", totals.left, " items are left"));
     return StoppedExitCode(signal);
   }
-  const BatchTotals totals = TotalsOf(*result);
-  if (!result->gone.ok()) {
-    PrintError("batch", absl::StrCat(ErrorText(result->gone), "; ", totals.left, " items are left"));
-    return 1;
+  for (const auto& [error, exit_code] : {std::pair(result->list, 2), std::pair(result->gone, 1)}) {
+    if (error.ok()) continue;
+    PrintError("batch", absl::StrCat(ErrorText(error), "; ", totals.left, " items are left"));
+    return exit_code;
   }
-  if (!told.ok() || totals.left > 0 || totals.failed > totals.permanent) return 1;
+  if (!told.ok() || !result->report.ok() || totals.left > 0 || totals.failed > totals.permanent) return 1;
   return totals.failed == 0 ? 0 : kOnlyPermanentErrors;
 }
 
@@ -168,7 +186,10 @@ void AddBatchCommand(Command& app, int& exit_code) {
       "Camera of pictures: iso (default), front, back, left, right, top, bottom, or AZIMUTH,ELEVATION in degrees")
       .Check(RefuseEmpty);
   add("--jobs", arguments->jobs, "N", "Meshes at the same time (default: up to 4; with servers 4 for each)");
-  add("--shard", arguments->shard, "i/n", "Only every n-th mesh, from the i-th on; i from 0 to n-1, n/n is 0/n");
+  add("--shard", arguments->shard, "auto|i/n",
+      "Only every n-th mesh, from the i-th on; i from 0 to n-1, n/n is 0/n. auto: this task of an array job of Slurm, "
+      "or "
+      "this pod of an Indexed Job of Kubernetes with VOXELPIPE_SHARDS pods");
   command
       .AddOption("--server", plan.servers,
                  Wrapped("Servers to distribute the meshes to, with commas or several --server"))

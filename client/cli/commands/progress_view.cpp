@@ -64,7 +64,7 @@ void ProgressView::ShowEnded(size_t ended, size_t failed) {
   state_.item = state_.ended = ended;
   state_.failed = failed;
   state_.stage = kind_ == Kind::kJson ? "items" : "";  // the line counts them anyway
-  state_.fraction = state_.items == 0 ? 1 : double(ended) / double(state_.items);
+  state_.fraction = state_.items == 0 ? 0 : double(ended) / double(state_.items);
   if (changed || kind_ == Kind::kLine) Draw(false);
 }
 

@@ -24,6 +24,8 @@ class ProgressView {
   ProgressView(const ProgressView&) = delete;
   ProgressView& operator=(const ProgressView&) = delete;
 
+  // The number of items, where it was not known before: 0 until then.
+  void set_items(size_t items) { state_.items = items; }
   // The next item of a list begins.
   void Begin(size_t item);
   // `fraction` in [0, 1] of the stage of the item that runs.

@@ -135,7 +135,8 @@ void RunManifest(Bytes bytes) {
   const int file = memfd_create("manifest", MFD_CLOEXEC);
   if (file < 0) return;
   if (write(file, bytes.data(), bytes.size()) == ssize_t(bytes.size())) {
-    static_cast<void>(cli::ReadManifest(absl::StrCat("/proc/self/fd/", file), {}));
+    const cli::ManifestDefaults defaults;
+    static_cast<void>(cli::ManifestReader::Open(absl::StrCat("/proc/self/fd/", file), defaults));
   }
   close(file);
 }

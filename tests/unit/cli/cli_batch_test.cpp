@@ -34,6 +34,7 @@ Tree FilesBelow(const std::string& directory) {
   Tree files;
   if (!fs::exists(directory)) return files;
   for (const auto& entry : fs::recursive_directory_iterator(directory)) {
+    if (entry.is_symlink()) files[entry.path().lexically_relative(directory).string()];  // a claim that was left
     if (!entry.is_regular_file()) continue;
     files[entry.path().lexically_relative(directory).string()] = ReadFile(entry.path().string());
   }
@@ -124,6 +125,8 @@ TEST_F(CliBatch, ADirectoryIsAnOutputLikeAFile) {
     return ParseJson(outcome.out)[status] == 1;
   };
   fs::create_directories(directory_ / "out/a.zarr.part-123-0/0");  // of a run that was killed
+  fs::create_directories(directory_ / "out/.voxelpipe");
+  fs::create_symlink("a run that ended", directory_ / "out/.voxelpipe/a.zarr.claim");
   EXPECT_TRUE(done("done"));
   EXPECT_FALSE(fs::exists(directory_ / "out/a.zarr.part-123-0"));
   EXPECT_TRUE(done("skipped"));
@@ -227,21 +230,50 @@ TEST_F(CliBatch, AStoppedRunSaysWhatIsLeft) {
   EXPECT_EQ(report["totals"]["failed"], 0);
   for (const auto& [name, bytes] : FilesBelow(directory_ / "out")) {
     EXPECT_EQ(name.find(".part-"), std::string::npos) << name;
-    EXPECT_EQ(name.find("lock"), std::string::npos) << name;
+    EXPECT_EQ(name.find(".voxelpipe/.voxelpipe"), std::string::npos) << name;
   }
   const CliOutcome again = Batch("out", {"--json"});
   EXPECT_EQ(again.exit_code, 0);
   EXPECT_EQ(ParseJson(again.out)["done"], left);
 }
 
-TEST_F(CliBatch, ASecondRunOfTheSameShardIsRefused) {
-  WriteLongList(60);
-  CliProcess process(Command("out"));
-  ASSERT_TRUE(WaitForItems(process, "out", 1));
-  const CliOutcome second = Batch("out");
-  EXPECT_EQ(second.exit_code, 1);
-  EXPECT_THAT(second.err, HasSubstr("another run"));
-  EXPECT_TRUE(process.IsRunning());
+TEST_F(CliBatch, RunsAtTheSameTimeShareTheWorkWhateverTheirShards) {
+  constexpr int kItems = 40;
+  WriteLongList(kItems);
+  ASSERT_EQ(Batch("whole").exit_code, 0);
+  std::vector<std::string> reports;
+  std::vector<std::unique_ptr<CliProcess>> runs;
+  for (const char* shard : {"0/1", "0/2", "1/2", "0/3", "1/3", "2/3"}) {
+    reports.push_back(directory_ / ("report" + std::to_string(reports.size()) + ".json"));
+    runs.push_back(
+        std::make_unique<CliProcess>(Command("out", {"--shard", shard, "--jobs", "2", "--report", reports.back()})));
+  }
+  for (const auto& run : runs) EXPECT_EQ(run->Wait(), 0);
+  std::map<std::string, int> times_done;
+  for (const std::string& path : reports) {
+    const json report = ParseJson(ReadFile(path));
+    for (const json& item : report["items"]) {
+      if (item["status"] == "done") ++times_done[item["id"]];
+    }
+  }
+  EXPECT_EQ(times_done.size(), size_t(kItems));
+  for (const auto& [id, times] : times_done) EXPECT_EQ(times, 1) << id;
+  EXPECT_TRUE(FilesBelow(directory_ / "whole") == FilesBelow(directory_ / "out"));
+}
+
+TEST_F(CliBatch, TheShardOfAnArrayJobIsThatOfItsEnvironment) {
+  WriteLongList(5);
+  const std::string slurm = "SLURM_ARRAY_TASK_ID=2 SLURM_ARRAY_TASK_MIN=1 SLURM_ARRAY_TASK_COUNT=3";
+  const auto items = [&](const std::string& variables) {
+    const CliOutcome outcome = RunCli(Command("out", {"--shard", "auto", "--json"}), "export " + variables + ";");
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return outcome.exit_code == 0 ? int(ParseJson(outcome.out)["items"]) : -1;
+  };
+  EXPECT_EQ(items(slurm), 2);                                        // m1, m4
+  EXPECT_EQ(items("JOB_COMPLETION_INDEX=4 VOXELPIPE_SHARDS=5"), 1);  // m4
+  const CliOutcome missing = RunCli(Command("out", {"--shard", "auto"}), "export JOB_COMPLETION_INDEX=0;");
+  EXPECT_EQ(missing.exit_code, 2);
+  EXPECT_THAT(missing.err, HasSubstr("VOXELPIPE_SHARDS is not"));
 }
 
 TEST_F(CliBatch, AnEmptyListIsDone) {

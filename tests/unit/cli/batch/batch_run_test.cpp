@@ -3,7 +3,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/stat.h>
 
 #include <algorithm>
 #include <atomic>
@@ -11,11 +10,12 @@
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "absl/strings/str_cat.h"
 #include "batch/batch_report.h"
-#include "batch/done_record.h"
-#include "batch/leftovers.h"
+#include "batch/claim.h"
+#include "batch/manifest.h"
 #include "unit/cli/cli_runner.h"
 
 namespace voxelpipe::cli {
@@ -79,10 +79,35 @@ class BatchRunTest : public ::testing::Test {
       std::ofstream list(directory_ / "list.jsonl");
       for (int i = 0; i < count; ++i) list << "{\"input\":\"box.glb\",\"id\":" << i << more << "}\n";
     }
-    plan_.items = ReadManifest(directory_ / "list.jsonl", {})->items;
+    plan_.manifest = directory_ / "list.jsonl";
     plan_.output_dir = directory_ / "out";
   }
-  BatchResult Run() {
+  std::vector<BatchItem> ItemsOfList() {
+    absl::StatusOr<ManifestReader> list = ManifestReader::Open(plan_.manifest, defaults_);
+    std::vector<BatchItem> items;
+    while (std::optional<BatchItem> item = *list->Next()) items.push_back(*std::move(item));
+    return items;
+  }
+  // What a run did: its result, and its items in the order of the list, with those that it did not come to.
+  struct Outcome : BatchResult {
+    std::vector<ItemReport> items;
+  };
+  Outcome Run() {
+    absl::StatusOr<ManifestReader> list = ManifestReader::Open(plan_.manifest, defaults_);
+    std::vector<ItemReport> items(list->Scan()->items);
+    BatchHooks hooks = Hooks();
+    hooks.next_item = [&] { return list->Next(); };
+    hooks.on_ended = [&](const BatchItem& item, const ItemReport& report) {
+      if (report.status == ItemStatus::kFailed) failures_.push_back(item.id);
+      if (on_ended_) on_ended_(item, report);
+      items[item.number] = report;
+    };
+    absl::StatusOr<BatchResult> result = RunBatch(plan_, hooks);
+    EXPECT_TRUE(result.ok()) << result.status();
+    return {*std::move(result), std::move(items)};
+  }
+  // Without a list.
+  BatchHooks Hooks() {
     BatchHooks hooks;
     hooks.make_engine = [this](const std::string& server) { return std::make_unique<ScriptedEngine>(server, script_); };
     hooks.stop_signal = [this] { return signal_.load(); };
@@ -92,10 +117,19 @@ class BatchRunTest : public ::testing::Test {
     };
     hooks.could_not_connect = [](const absl::Status& status) { return status.message() == "cannot connect"; };
     hooks.on_gone = [this](const absl::Status&) { ++gone_; };
-    hooks.on_failure = [this](const BatchItem& item, const absl::Status&) { failures_.push_back(item.id); };
-    return RunBatch(plan_, hooks);
+    return hooks;
   }
-  std::vector<ItemStatus> Statuses(const BatchResult& result) {
+  // The report of one more run.
+  nlohmann::ordered_json ReportOf(const BatchPlan& plan) {
+    absl::StatusOr<ReportWriter> report = ReportWriter::Create(directory_ / "report.json", plan);
+    on_ended_ = [&](const BatchItem& item, const ItemReport& ended) { report->Add(item, ended); };
+    const Outcome outcome = Run();
+    on_ended_ = nullptr;
+    EXPECT_TRUE(report->Finish(outcome, *ScanManifest(plan.manifest)).ok());
+    const std::vector<uint8_t> text = ReadFile(directory_ / "report.json");
+    return nlohmann::ordered_json::parse(text);
+  }
+  std::vector<ItemStatus> Statuses(const Outcome& result) {
     std::vector<ItemStatus> statuses;
     for (const ItemReport& item : result.items) statuses.push_back(item.status);
     return statuses;
@@ -103,6 +137,8 @@ class BatchRunTest : public ::testing::Test {
 
   TemporaryDirectory directory_;
   BatchPlan plan_;
+  const ManifestDefaults defaults_;
+  std::function<void(const BatchItem&, const ItemReport&)> on_ended_;
   Script script_;
   std::atomic<int> signal_{0};
   std::vector<std::string> failures_;
@@ -113,7 +149,7 @@ TEST_F(BatchRunTest, WhatIsDoneIsNotDoneAgain) {
   Items(3);
   plan_.jobs = 2;
   EXPECT_THAT(Statuses(Run()), Each(ItemStatus::kDone));
-  const BatchResult again = Run();
+  const Outcome again = Run();
   EXPECT_THAT(Statuses(again), Each(ItemStatus::kSkipped));
   EXPECT_EQ(script_.calls, 3);
   EXPECT_THAT(again.items[1].files, ElementsAre("1.npy"));
@@ -154,13 +190,13 @@ TEST_F(BatchRunTest, AnItemsErrorIsItsOwn) {
   script_.before = [&](const std::string&, JobContext&) {
     return number++ == 1 ? absl::InvalidArgumentError("no mesh") : absl::OkStatus();
   };
-  const BatchResult result = Run();
+  const Outcome result = Run();
   EXPECT_THAT(Statuses(result),
               ElementsAre(ItemStatus::kDone, ItemStatus::kFailed, ItemStatus::kDone, ItemStatus::kDone));
   EXPECT_EQ(result.items[1].error.message(), "no mesh");
   EXPECT_THAT(failures_, ElementsAre("1"));
   EXPECT_FALSE(std::filesystem::exists(directory_ / "out/1.npy"));
-  const BatchTotals totals = TotalsOf(result);
+  const BatchTotals& totals = result.totals;
   EXPECT_EQ(totals.done, 3u);
   EXPECT_EQ(totals.failed, 1u);
   EXPECT_EQ(totals.bytes, 3u);
@@ -198,7 +234,7 @@ TEST_F(BatchRunTest, ItemsOfALostServerGoToAnother) {
   script_.before = [](const std::string& server, JobContext&) {
     return server == "a" ? absl::UnavailableError("gone") : absl::OkStatus();
   };
-  const BatchResult result = Run();
+  const Outcome result = Run();
   EXPECT_THAT(Statuses(result), Each(ItemStatus::kDone));
   EXPECT_THAT(result.items, Each(Field(&ItemReport::server, "b")));
   EXPECT_EQ(script_.calls_of["b"], 6);
@@ -212,7 +248,7 @@ TEST_F(BatchRunTest, ABusyServerIsAskedUntilItAnswers) {
   script_.before = [this](const std::string&, JobContext&) {
     return script_.calls < 5 ? absl::ResourceExhaustedError("busy") : absl::OkStatus();
   };
-  const BatchResult result = Run();
+  const Outcome result = Run();
   EXPECT_THAT(Statuses(result), ElementsAre(ItemStatus::kDone));
   EXPECT_EQ(result.items[0].attempts, 5);
 }
@@ -222,7 +258,7 @@ TEST_F(BatchRunTest, PatienceWithBusyServersEnds) {
   plan_.servers = {"a"};
   plan_.busy_timeout = std::chrono::seconds(0);
   script_.before = [](const std::string&, JobContext&) { return absl::ResourceExhaustedError("busy"); };
-  const BatchResult result = Run();
+  const Outcome result = Run();
   EXPECT_THAT(Statuses(result), ElementsAre(ItemStatus::kFailed));
   EXPECT_EQ(script_.calls, 1);
 }
@@ -255,7 +291,7 @@ TEST_F(BatchRunTest, AReportNamesEveryItem) {
   script_.before = [&](const std::string&, JobContext&) {
     return number++ == 0 ? absl::OkStatus() : absl::NotFoundError("hm");
   };
-  const nlohmann::ordered_json json = ReportJson(plan_, Run());
+  const nlohmann::ordered_json json = ReportOf(plan_);
   EXPECT_EQ(json["totals"]["done"], 1);
   EXPECT_EQ(json["items"][0]["status"], "done");
   EXPECT_EQ(json["items"][0]["files"], nlohmann::ordered_json({"0.npy"}));
@@ -265,59 +301,89 @@ TEST_F(BatchRunTest, AReportNamesEveryItem) {
   EXPECT_EQ(json["items"][1]["line"], 2);
 }
 
-TEST_F(BatchRunTest, LeftoversOfTheseItemsGoAndNoOthers) {
-  Items(2, ",\"target\":[\"bit:or\",\"bit:and\"]");
-  Run();
-  const std::string out = directory_ / "out/";
-  for (const char* name : {"0.0.npy.part-1-2", "1.1.npy.part-77-0", ".voxelpipe/0.npy.json.part-1-2"}) {
-    std::ofstream(out + name) << "half";
+TEST_F(BatchRunTest, RunsAtTheSameTimeShareTheWork) {
+  Items(40);
+  plan_.jobs = 2;
+  std::vector<Outcome> outcomes(3);
+  std::vector<std::thread> threads;
+  for (Outcome& outcome : outcomes) threads.emplace_back([&] { outcome = Run(); });
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(script_.calls, 40) << "no item twice";
+  size_t done = 0;
+  for (const Outcome& outcome : outcomes) {
+    done += outcome.totals.done;
+    EXPECT_EQ(outcome.totals.done + outcome.totals.skipped, 40u);
+    EXPECT_EQ(outcome.totals.left, 0u);
   }
-  for (const char* name : {"2.npy.part-1-2", "0.0.npy.part-", "0.0.npy.part-1-2.txt", "notes.part-1-1"}) {
-    std::ofstream(out + name) << "someone's";
-  }
-  RemoveLeftovers(plan_.output_dir, plan_.items);
-  std::vector<std::string> left;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(out)) {
-    if (entry.is_regular_file()) left.push_back(entry.path().filename().string());
-  }
-  EXPECT_THAT(left, ::testing::UnorderedElementsAre("0.0.npy", "0.1.npy", "1.0.npy", "1.1.npy", "0.npy.json",
-                                                    "1.npy.json", "2.npy.part-1-2", "0.0.npy.part-",
-                                                    "0.0.npy.part-1-2.txt", "notes.part-1-1"));
+  EXPECT_EQ(done, 40u);
 }
 
-TEST_F(BatchRunTest, OneRunAtATimeHasAShard) {
-  const std::string out = directory_ / "out";
-  {
-    const absl::StatusOr<RunLock> first = RunLock::Take(out, {0, 2});
-    ASSERT_TRUE(first.ok()) << first.status();
-    EXPECT_TRUE(absl::IsAborted(RunLock::Take(out, {2, 2}).status()));
-    EXPECT_TRUE(RunLock::Take(out, {1, 2}).ok());
-  }
-  EXPECT_TRUE(RunLock::Take(out, {0, 2}).ok());
-  EXPECT_TRUE(std::filesystem::is_empty(out + "/.voxelpipe"));
+TEST_F(BatchRunTest, AnItemOfAnotherRunIsWaitedForAndTakenOverIfThatFails) {
+  Items(3);
+  const BatchItem item = ItemsOfList()[0];
+  const absl::StatusOr<RunPresence> other = RunPresence::Begin(plan_.output_dir);
+  absl::StatusOr<std::optional<Claim>> claim = Claim::Take(plan_.output_dir, item, *other);
+  std::vector<std::string> order;
+  on_ended_ = [&](const BatchItem& ended, const ItemReport&) {
+    order.push_back(ended.id);
+    if (order.size() == 2) claim->reset();  // the other run failed at it
+  };
+  EXPECT_THAT(Statuses(Run()), Each(ItemStatus::kDone));
+  EXPECT_THAT(order, ElementsAre("1", "2", "0"));
 }
 
-// Who may write to the directory could make a run create, or open, a file anywhere.
-TEST_F(BatchRunTest, ALinkOrAFifoInThePlaceOfTheLockIsRefusedByNameAndNotFollowed) {
-  namespace fs = std::filesystem;
-  const std::string out = directory_ / "out";
-  const fs::path lock = fs::path(out) / ".voxelpipe" / "lock-0-of-1", outside = directory_ / "outside";
-  fs::create_directories(lock.parent_path());
-  for (const bool dangling : {true, false}) {
-    if (!dangling) std::ofstream(outside) << "someone's";
-    fs::create_symlink(outside, lock);
-    const absl::Status status = RunLock::Take(out, {0, 1}).status();
-    EXPECT_TRUE(absl::IsPermissionDenied(status)) << status;
-    EXPECT_THAT(std::string(status.message()), ::testing::HasSubstr("'" + lock.string() + "' is a link"));
-    EXPECT_EQ(fs::exists(outside), !dangling);
-    EXPECT_TRUE(fs::is_symlink(lock));
-    fs::remove(lock);
-  }
-  ASSERT_EQ(mkfifo(lock.c_str(), 0600), 0);
-  const absl::Status status = RunLock::Take(out, {0, 1}).status();
-  EXPECT_TRUE(absl::IsFailedPrecondition(status)) << status;
-  EXPECT_THAT(std::string(status.message()), ::testing::HasSubstr("'" + lock.string() + "' is not a regular file"));
-  EXPECT_TRUE(fs::is_fifo(lock));
+TEST_F(BatchRunTest, AStopDoesNotWaitForAnItemOfAnotherRun) {
+  Items(2);
+  const BatchItem item = ItemsOfList()[0];
+  const absl::StatusOr<RunPresence> other = RunPresence::Begin(plan_.output_dir);
+  const absl::StatusOr<std::optional<Claim>> claim = Claim::Take(plan_.output_dir, item, *other);
+  on_ended_ = [&](const BatchItem&, const ItemReport&) { signal_ = 15; };
+  const Outcome result = Run();
+  EXPECT_THAT(Statuses(result), ElementsAre(ItemStatus::kLeft, ItemStatus::kDone));
+  EXPECT_EQ(result.totals.left, 1u);
+}
+
+// What an option names is part of what an item is: another grid in the same file is another request.
+TEST_F(BatchRunTest, AnotherGridInTheFileOfAGridLikeIsDoneAgain) {
+  const auto grid = [&](const char* dims) {
+    std::ofstream(directory_ / "grid.json") << R"({"origin":[0,0,0],"voxel_size":[1,1,1],"dims":)" << dims << "}";
+  };
+  grid("[2,1,1]");
+  Items(1, R"(,"grid_like":"grid.json")");
+  EXPECT_THAT(Statuses(Run()), ElementsAre(ItemStatus::kDone));
+  EXPECT_THAT(Statuses(Run()), ElementsAre(ItemStatus::kSkipped));
+  grid("[1,2,1]");
+  EXPECT_THAT(Statuses(Run()), ElementsAre(ItemStatus::kDone));
+}
+
+TEST_F(BatchRunTest, AnErrorInTheListEndsTheRunAfterTheItemsBeforeIt) {
+  Items(3);
+  std::vector<BatchItem> items = ItemsOfList();
+  BatchHooks hooks = Hooks();
+  hooks.next_item = [&, next = size_t{0}]() mutable -> absl::StatusOr<std::optional<BatchItem>> {
+    if (next < 2) return items[next++];
+    return absl::InvalidArgumentError("line 3 is wrong");
+  };
+  const absl::StatusOr<BatchResult> result = RunBatch(plan_, hooks);
+  ASSERT_TRUE(result.ok()) << result.status();
+  EXPECT_EQ(result->list.message(), "line 3 is wrong");
+  EXPECT_EQ(result->totals.done, 2u);
+}
+
+TEST_F(BatchRunTest, AReportIsInTheOrderOfTheListWhicheverItemEndsFirst) {
+  Items(30);
+  plan_.jobs = 4;
+  script_.before = [this](const std::string&, JobContext&) {
+    if (script_.calls == 1) std::this_thread::sleep_for(std::chrono::milliseconds(30));
+    return absl::OkStatus();
+  };
+  std::ofstream(directory_ / "report.json.part-1-1") << "of a run that was killed";
+  const nlohmann::ordered_json json = ReportOf(plan_);
+  ASSERT_EQ(json["items"].size(), 30u);
+  for (size_t i = 0; i < 30; ++i) EXPECT_EQ(json["items"][i]["line"], i + 1);
+  EXPECT_EQ(json["manifest_items"], 30);
+  EXPECT_EQ(json["manifest_sha256"], ScanManifest(plan_.manifest)->sha256);
+  EXPECT_FALSE(std::filesystem::exists(directory_ / "report.json.part-1-1"));
 }
 
 TEST_F(BatchRunTest, TheRunEndsAndSaysSoWhereNoServerCanBeReached) {
@@ -328,7 +394,7 @@ TEST_F(BatchRunTest, TheRunEndsAndSaysSoWhereNoServerCanBeReached) {
   plan_.lost_timeout = std::chrono::milliseconds(600);
   script_.before = [](const std::string&, JobContext&) { return absl::UnavailableError("cannot connect"); };
   const auto begin = std::chrono::steady_clock::now();
-  const BatchResult result = Run();
+  const Outcome result = Run();
   EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(20));
   EXPECT_TRUE(absl::IsUnavailable(result.gone)) << result.gone;
   EXPECT_THAT(std::string(result.gone.message()), ::testing::HasSubstr("cannot connect"));
@@ -344,7 +410,7 @@ TEST_F(BatchRunTest, AServerThatCannotBeReachedCostsNoItemAnAttemptAndIsWaitedFo
   script_.before = [this](const std::string&, JobContext&) {
     return script_.calls < 3 ? absl::UnavailableError("cannot connect") : absl::OkStatus();
   };
-  const BatchResult result = Run();
+  const Outcome result = Run();
   EXPECT_TRUE(result.gone.ok());
   EXPECT_THAT(Statuses(result), Each(ItemStatus::kDone));
   EXPECT_EQ(gone_, 1);
@@ -362,12 +428,12 @@ TEST_F(BatchRunTest, ErrorsThatWouldComeAgainArePermanent) {
       default: return absl::OkStatus();
     }
   };
-  const BatchResult result = Run();
+  const Outcome result = Run();
   EXPECT_TRUE(result.items[0].permanent);
   EXPECT_FALSE(result.items[1].permanent);
   EXPECT_FALSE(result.items[2].permanent);
-  EXPECT_EQ(TotalsOf(result).failed, 3u);
-  EXPECT_EQ(TotalsOf(result).permanent, 1u);
+  EXPECT_EQ(result.totals.failed, 3u);
+  EXPECT_EQ(result.totals.permanent, 1u);
 }
 
 }  // namespace

@@ -3,9 +3,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <fstream>
 #include <string>
+#include <thread>
+#include <vector>
 
 #include "unit/encode/sample_results.h"
 
@@ -19,20 +22,30 @@ using testing::TemporaryDirectory;
 
 class ManifestTest : public ::testing::Test {
  protected:
-  absl::StatusOr<Manifest> Read(const std::string& text) {
-    std::ofstream(path_, std::ios::binary) << text;
-    return ReadManifest(path_, defaults_);
+  void Write(const std::string& text) { std::ofstream(path_, std::ios::binary) << text; }
+  absl::StatusOr<std::vector<BatchItem>> Read(const Shard& shard = {}) {
+    absl::StatusOr<ManifestReader> manifest = ManifestReader::Open(path_, defaults_, shard);
+    if (!manifest.ok()) return manifest.status();
+    std::vector<BatchItem> items;
+    for (;;) {
+      absl::StatusOr<std::optional<BatchItem>> item = manifest->Next();
+      if (!item.ok()) return item.status();
+      if (!*item) return items;
+      items.push_back(**std::move(item));
+    }
   }
-  std::vector<BatchItem> Items(const std::string& text) {
-    absl::StatusOr<Manifest> manifest = Read(text);
-    EXPECT_TRUE(manifest.ok()) << manifest.status();
-    return manifest.ok() ? std::move(manifest->items) : std::vector<BatchItem>(1);
+  std::vector<BatchItem> Items(const std::string& text, const Shard& shard = {}) {
+    Write(text);
+    absl::StatusOr<std::vector<BatchItem>> items = Read(shard);
+    EXPECT_TRUE(items.ok()) << items.status();
+    return items.ok() ? *std::move(items) : std::vector<BatchItem>(1);
   }
   // What is said after the file's name.
   std::string Error(const std::string& text) {
-    const absl::StatusOr<Manifest> manifest = Read(text);
-    EXPECT_TRUE(absl::IsInvalidArgument(manifest.status())) << text << manifest.status();
-    const std::string message(manifest.status().message());
+    Write(text);
+    const absl::Status status = ManifestReader::Open(path_, defaults_).status();
+    EXPECT_TRUE(absl::IsInvalidArgument(status)) << text << status;
+    const std::string message(status.message());
     EXPECT_THAT(message, StartsWith(path_ + ":"));
     return message.substr(std::min(message.size(), path_.size() + 1));
   }
@@ -267,28 +280,73 @@ TEST_F(ManifestTest, StandardInputIsNoInput) {
 }
 
 TEST_F(ManifestTest, AManifestThatIsNotThereIsNotFound) {
-  EXPECT_TRUE(absl::IsNotFound(ReadManifest(directory_ / "none", defaults_).status()));
-  EXPECT_TRUE(absl::IsInvalidArgument(ReadManifest(directory_.path().string(), defaults_).status()));
+  EXPECT_TRUE(absl::IsNotFound(ManifestReader::Open(directory_ / "none", defaults_).status()));
+  EXPECT_TRUE(absl::IsInvalidArgument(ManifestReader::Open(directory_.path().string(), defaults_).status()));
 }
 
-TEST(ParseShard, TakesBothWaysOfCounting) {
-  for (const char* text : {"0/3", "3/3"}) {
-    const absl::StatusOr<Shard> shard = ParseShard(text);
-    ASSERT_TRUE(shard.ok()) << shard.status();
-    for (size_t item = 0; item < 9; ++item) EXPECT_EQ(shard->Holds(item), item % 3 == 0) << text;
+// A list of a million lines begins at once: what is wrong beyond the first lines is found when it is reached.
+TEST_F(ManifestTest, TheFirstLinesAreCheckedAtOnceAndFurtherOnesAsTheyAreReached) {
+  const auto lines = [](size_t count) {
+    std::string text;
+    for (size_t i = 0; i < count; ++i) text += "{\"input\":\"a\",\"id\":" + std::to_string(i) + "}\n";
+    return text;
+  };
+  constexpr size_t kChecked = ManifestReader::kCheckedLines;
+  EXPECT_THAT(Error(lines(kChecked - 1) + "{"), StartsWith(std::to_string(kChecked) + ": no JSON"));
+  Write(lines(kChecked) + "{}\n{\"input\":\"b\"}");
+  absl::StatusOr<ManifestReader> manifest = ManifestReader::Open(path_, defaults_);
+  ASSERT_TRUE(manifest.ok()) << manifest.status();
+  for (size_t i = 0; i < kChecked; ++i) {
+    const absl::StatusOr<std::optional<BatchItem>> item = manifest->Next();
+    ASSERT_TRUE(item.ok()) << item.status();
+    ASSERT_EQ((*item)->number, i);
   }
-  EXPECT_TRUE(ParseShard("0/1")->Holds(5));
-  for (const char* wrong : {"", "1", "1/", "/2", "4/3", "0/0", "-1/3", "1/3x", " 1/3", "1/3/5", "a/b"}) {
-    EXPECT_TRUE(absl::IsInvalidArgument(ParseShard(wrong).status())) << wrong;
+  for (int i = 0; i < 2; ++i) {
+    const absl::Status status = manifest->Next().status();
+    EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
+    EXPECT_THAT(std::string(status.message()), HasSubstr(":" + std::to_string(kChecked + 1) + ": 'input' is missing"));
   }
+  // Among all lines no two have one output, however far apart.
+  Write(lines(kChecked + 5) + "{\"input\":\"x/7.glb\"}");
+  EXPECT_THAT(std::string(Read().status().message()), HasSubstr("the output '7.npy' is that of line 8 already"));
 }
 
-TEST(ParseShard, ShardsTogetherHoldEveryItemOnce) {
-  for (size_t item = 0; item < 20; ++item) {
-    int holders = 0;
-    for (const char* text : {"1/4", "2/4", "3/4", "4/4"}) holders += ParseShard(text)->Holds(item) ? 1 : 0;
-    EXPECT_EQ(holders, 1) << item;
-  }
+TEST_F(ManifestTest, AShardKnowsTheNamesOfTheOthers) {
+  const std::string list = "{\"input\":\"a\"}\n\n{\"input\":\"b\"}\n{\"input\":\"c\"}\n{\"input\":\"d\"}\n";
+  const std::vector<BatchItem> items = Items(list, {1, 2});
+  ASSERT_EQ(items.size(), 2u);
+  EXPECT_EQ(items[0].id, "b");
+  EXPECT_EQ(items[0].line, 3u);
+  EXPECT_EQ(items[0].number, 1u);
+  EXPECT_EQ(items[1].number, 3u);
+  Write(list + "{\"input\":\"b\"}");  // of the other shard than the first b
+  EXPECT_THAT(std::string(Read({0, 2}).status().message()), HasSubstr("'b.npy' is that of line 3"));
+}
+
+TEST_F(ManifestTest, AListFromAPipeIsReadToItsEnd) {
+  const std::string pipe = directory_ / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  std::thread writer([&] { std::ofstream(pipe) << "{\"input\":\"a\"}\n{\"input\":\"b\"}\n"; });
+  absl::StatusOr<ManifestReader> manifest = ManifestReader::Open(pipe, defaults_);
+  writer.join();
+  ASSERT_TRUE(manifest.ok()) << manifest.status();
+  EXPECT_EQ((*manifest->Next())->input, directory_ / "a");
+  EXPECT_EQ(manifest->Scan()->items, 2u);
+}
+
+TEST_F(ManifestTest, AScanCountsItemsAndKnowsTheirLines) {
+  Write("\xEF\xBB\xBF{\"input\":\"a\"}\n \t\r\n{no JSON}");
+  std::vector<std::string> seen;
+  const auto facts = ScanManifest(path_, [&](size_t line, size_t item, std::string_view text) {
+    seen.push_back(std::to_string(line) + " " + std::to_string(item) + " " + std::string(text));
+  });
+  ASSERT_TRUE(facts.ok()) << facts.status();
+  EXPECT_EQ(facts->items, 2u);
+  EXPECT_THAT(seen, ::testing::ElementsAre("1 0 {\"input\":\"a\"}", "3 1 {no JSON}"));
+  Write("{\"input\":\"a\"}\n\n{no JSON}\n");
+  EXPECT_EQ(ScanManifest(path_)->sha256, facts->sha256) << "the same items";
+  Write("{\"input\":\"a\"}\n{no JSON}\n");
+  EXPECT_NE(ScanManifest(path_)->sha256, facts->sha256) << "another line";
 }
 
 }  // namespace

@@ -1,0 +1,46 @@
+// Claims of items: the run that works on an item says so, and a run that was killed leaves its claims behind.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "batch/item_parser.h"
+#include "batch/run_presence.h"
+
+namespace voxelpipe::cli {
+
+// The path of an item's claim, in the directory of its record.
+std::string ClaimPath(const std::string& output_dir, const BatchItem& item);
+
+// An item that belongs to this run until the object is destroyed. It is a symbolic link whose text is the run's id:
+// links are made at once or not at all, on network file systems too, and nothing follows this one. The item's record
+// takes its place and is then renamed (WriteRecord), so that no run that is killed leaves both. Where the file system
+// has no links, every claim succeeds. Two runs may have one item where one of them was taken for dead; they then write
+// the same bytes.
+class Claim {
+ public:
+  // Empty if another run that is alive has the item. A claim of a dead run is taken over, and the temporary files that
+  // it left of this item are removed. The item may have been done just before: look at its record again. Errors: the
+  // system's, as IsOutputError.
+  static absl::StatusOr<std::optional<Claim>> Take(const std::string& output_dir, const BatchItem& item,
+                                                   const RunPresence& run);
+  Claim(Claim&& other) noexcept;
+  Claim& operator=(Claim&&) = delete;
+  ~Claim();
+
+  // Empty where the file system has no links.
+  const std::string& path() const { return path_; }
+
+ private:
+  Claim(std::string path, std::string id);
+
+  std::string path_;  // empty: there is nothing to remove
+  std::string id_;
+};
+
+// Removes temporary files of this item's outputs, record and claim. No other process may be writing them.
+void RemoveLeftovers(const std::string& output_dir, const BatchItem& item);
+
+}  // namespace voxelpipe::cli
