@@ -44,6 +44,7 @@ int main(int argc, char** argv) {
     AddShadersCommand(app, exit_code);
     AddServerInfoCommand(app, exit_code);
     AddBatchCommand(app, exit_code);
+    AddAggregateCommand(app, exit_code);
     AddBenchCommand(app, exit_code);
     AddCompletionCommand(app, exit_code);
     AddManualCommand(app, exit_code);

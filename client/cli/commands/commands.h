@@ -13,6 +13,7 @@ inline std::string RefuseEmpty(const std::string& text) {
   return text.empty() ? "must not be empty" : "";
 }
 
+void AddAggregateCommand(Command& app, int& exit_code);
 void AddBatchCommand(Command& app, int& exit_code);
 void AddBenchCommand(Command& app, int& exit_code);
 void AddCompareCommand(Command& app, int& exit_code);
