@@ -4,6 +4,7 @@ from __future__ import annotations
 import json
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 
@@ -102,6 +103,51 @@ def test_dask_with_processes(server: LocalServer, tmp_path: pathlib.Path) -> Non
     pytest.importorskip("distributed")
     lines = run("dask_processes.py", *write_boxes(tmp_path, 4), "--resolution", 96)
     assert [float(line.rpartition(" ")[2]) for line in lines] == pytest.approx([1, 2, 3, 4], rel=0.01)
+
+
+def dask_workers(process: int) -> list[int]:
+    """The processes of the workers that this process has started."""
+    found = []
+    for entry in pathlib.Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and b"spawn_main" in (entry / "cmdline").read_bytes():
+                parent = (entry / "stat").read_text().rpartition(")")[2].split()[1]
+                found += [int(entry.name)] if int(parent) == process else []
+        except OSError:
+            continue  # it has ended
+    return found
+
+
+def test_dask_shards_are_the_same_if_a_worker_is_killed(server: LocalServer, tmp_path: pathlib.Path) -> None:
+    pytest.importorskip("distributed")
+    folder, out = tmp_path / "meshes", tmp_path / "out"
+    folder.mkdir()
+    write_boxes(folder, 40)
+    (folder / "bad.glb").write_bytes(b"nonsense")
+    options = ["--resolution", 96, "--shard", 4]
+    last = run("dask_shards.py", folder, *options)[-1]
+    assert last.startswith("40 meshes, 1 failed, ")
+    command = [sys.executable, EXAMPLES / "dask_shards.py", folder, out, *options]
+    path = os.pathsep.join([str(PACKAGE), os.environ.get("PYTHONPATH", "")])
+    with subprocess.Popen(
+        [str(word) for word in command],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    ) as ran:
+        assert ran.stdout is not None
+        assert ran.stdout.readline().startswith("1 of 11 shards")
+        workers = dask_workers(ran.pid)
+        assert len(workers) == 2
+        os.kill(workers[0], signal.SIGKILL)
+        lines = ran.stdout.read().splitlines()
+    assert ran.returncode == 0 and lines[-1].split()[-1] == last.split()[-1]
+    files = {path.name: path.read_bytes() for path in out.iterdir() if path.suffix != ".part"}
+    assert len(files) == 11
+    (out / "shard-00003.npz").unlink()
+    assert run("dask_shards.py", folder, out, *options)[-1].split()[-1] == last.split()[-1]
+    assert files == {path.name: path.read_bytes() for path in out.iterdir() if path.suffix != ".part"}
 
 
 def test_a_torch_data_loader_forks_its_workers(server: LocalServer, tmp_path: pathlib.Path) -> None:
