@@ -35,10 +35,11 @@ setup-programs:
 	@command -v npm >/dev/null || bash tests/support/apt_install.sh docker/packages-viewer.txt \
 	  || echo "setup: going on without .html results"
 
-setup: setup-programs ## Install the missing Debian packages (docker/packages-*.txt: build, viewer, python, browser, formats)
+setup: setup-programs ## Install the missing Debian packages (docker/packages-*.txt: build, viewer, python, browser, ...)
 	@bash tests/support/apt_install.sh docker/packages-python.txt || echo "setup: going on without Python"
 	@bash tests/support/apt_install.sh docker/packages-browser.txt docker/packages-formats.txt \
 	  || echo "setup: going on without the tests of browsers and formats"
+	@bash tests/support/apt_install.sh docker/packages-operations.txt || echo "setup: going on without those of operations"
 
 configure: setup-programs
 	@mkdir -p $(BUILD_DIR)

@@ -36,6 +36,14 @@ if(TARGET voxelpipe_client)
   install(EXPORT voxelpipe-client NAMESPACE voxelpipe:: DESTINATION ${package_dir})
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/proto/voxelpipe DESTINATION ${CMAKE_INSTALL_DATADIR}/voxelpipe/proto)
 endif()
+if(TARGET voxelpiped)  # systemd's unit, with the folder that is known at the installation
+  install(CODE "
+    set(bindir \"\${CMAKE_INSTALL_PREFIX}/${CMAKE_INSTALL_BINDIR}\")
+    configure_file(${PROJECT_SOURCE_DIR}/docker/systemd/voxelpiped.service.in
+      ${PROJECT_BINARY_DIR}/package/voxelpiped.service @ONLY)
+    file(INSTALL ${PROJECT_BINARY_DIR}/package/voxelpiped.service
+      DESTINATION \"\${CMAKE_INSTALL_PREFIX}/lib/systemd/system\")")
+endif()
 
 configure_package_config_file(${CMAKE_CURRENT_LIST_DIR}/voxelpipe-config.cmake.in
   ${PROJECT_BINARY_DIR}/package/voxelpipe-config.cmake INSTALL_DESTINATION ${package_dir})

@@ -4,13 +4,18 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <exception>
+#include <memory>
+#include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include <google/protobuf/stubs/logging.h>
@@ -18,10 +23,12 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "absl/synchronization/mutex.h"
+#include "access/periodic.h"
 #include "base/text.h"
 #include "check_files.h"
 #include "isolate/load_worker.h"
 #include "observe/log.h"
+#include "observe/service_manager.h"
 #include "options/options.h"
 #include "probe.h"
 #include "run/worker_pool.h"
@@ -54,6 +61,42 @@ void RaiseDescriptorLimit() {
   setrlimit(RLIMIT_NOFILE, &files);
 }
 
+// Time beyond lame duck and grace in which the process ends: its threads, its memory, an abandoned device.
+constexpr std::chrono::seconds kEndPatience{10};
+
+void LogIfFailed(const absl::Status& status) {
+  if (!status.ok()) LogMessage(LogLevel::kWarn, std::string(status.message()));
+}
+
+// Tells the service manager that the process works, as long as it does; while it drains, when it refuses to be asked,
+// the manager's limit of the stop applies.
+class Watchdog {
+ public:
+  Watchdog(const ServiceManager& manager, VoxelServer& server) {
+    const std::chrono::milliseconds interval = manager.alive_interval();
+    if (interval.count() == 0) return;
+    periodic_.emplace(interval, [this, &manager, &server, patience = interval / 2] {
+      const std::lock_guard lock(mutex_);
+      if (draining_ || server.Answers(patience)) {
+        LogIfFailed(manager.Alive());
+      } else {
+        LogMessage(LogLevel::kError,
+                   "the server does not answer itself; the service manager is not told that it works");
+      }
+    });
+  }
+  // The server is asked no more once this has returned.
+  void Drain() {
+    const std::lock_guard lock(mutex_);
+    draining_ = true;
+  }
+
+ private:
+  std::mutex mutex_;
+  bool draining_ = false;
+  std::optional<Periodic> periodic_;  // last member: its thread uses the others
+};
+
 int Serve(const ServerOptions& options) {
   RaiseDescriptorLimit();
   // gRPC uses Abseil's locks, which in debug builds keep a graph of all locks behind one lock.
@@ -72,6 +115,9 @@ int Serve(const ServerOptions& options) {
   WriteLine(stdout, "listening on " + (*server)->address());
   if (!(*server)->http_address().empty()) WriteLine(stdout, "http on " + (*server)->http_address());
   if (!(*server)->web_address().empty()) WriteLine(stdout, "web on http://" + (*server)->web_address());
+  const ServiceManager manager = ServiceManager::OfEnvironment();
+  LogIfFailed(manager.Ready("serving on " + (*server)->address()));
+  std::optional<Watchdog> watchdog(std::in_place, manager, **server);
 
   int signal = WaitForSignal(signals);
   for (; signal == SIGHUP; signal = WaitForSignal(signals)) (*server)->Reload();
@@ -82,8 +128,12 @@ int Serve(const ServerOptions& options) {
     while (second == SIGHUP) second = WaitForSignal(signals);
     _exit(128 + second);
   }).detach();
+  LogIfFailed(manager.Stopping(kEndPatience + std::chrono::milliseconds(options.lame_duck_ms) +
+                               std::chrono::milliseconds(options.drain_grace_ms)));
+  watchdog->Drain();
   (*server)->Drain();
   server->reset();
+  watchdog.reset();
   if (WorkerPool::ThreadsLeftBehind() > 0) {
     LogMessage(LogLevel::kWarn, absl::StrCat("ends without ", WorkerPool::ThreadsLeftBehind(),
                                              " threads that do not come back from a device"));

@@ -44,6 +44,10 @@ class VoxelServer {
   // The address of the page; empty if there is none.
   const std::string& web_address() const { return web_address_; }
 
+  // True if the server still works inside: its locks can be taken, and a call through gRPC's threads ends within
+  // `patience`. Not to be called during or after Drain, when calls are refused. May block where the server is stuck.
+  bool Answers(std::chrono::milliseconds patience);
+
   // Reads the tokens again, changed or not, and the machine limits. Changed certificates are read automatically.
   void Reload();
 

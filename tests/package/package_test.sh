@@ -22,6 +22,8 @@ cmake --install "$build_dir" --prefix "$prefix" >"$work/install.log" || { cat "$
 for file in bash-completion/completions/voxelpipe man/man1/voxelpipe.1; do
   [[ -s "$prefix/share/$file" ]] || fail "share/$file is not installed"
 done
+grep -qx "ExecStart=$prefix/bin/voxelpiped" "$prefix/lib/systemd/system/voxelpiped.service" ||
+  fail "systemd's unit does not start the installed server"
 include="$prefix/include"
 [[ "$(ls "$include")" == voxelpipe ]] || fail "headers outside include/voxelpipe: $(ls "$include")"
 if grep -rhE '^#include "' "$include" | grep -vE '"(voxelpipe|absl)/'; then fail "includes that no user can resolve"; fi
