@@ -1,0 +1,113 @@
+#!/usr/bin/env bash
+# Runs docker/systemd/voxelpiped.service under a real systemd, in namespaces of its own with no other unit: the start, a
+# call, a file for a process that loads meshes, the reload, the end under load, a server that is stuck. It mounts over
+# parts of its own view of the machine, so it runs only as root and when VOXELPIPE_SYSTEMD_TEST=1 asks for it.
+#
+# usage: systemd_run.sh REPOSITORY PROGRAMS_DIR
+# Exit: 0 passed, 77 skipped with a printed reason, anything else failed.
+set -euo pipefail
+repository="$(realpath "$1")" programs="$(realpath "$2")"
+skip() { echo "SKIPPED: $*"; exit 77; }
+fail() { echo "FAILED: $*" >&2; cat "$work/server.log" "$work/systemd.log" >&2 || true; exit 1; }
+[[ "${VOXELPIPE_SYSTEMD_TEST:-0}" == 1 ]] || skip "it starts a systemd; VOXELPIPE_SYSTEMD_TEST=1 runs it"
+[[ "$(id -u)" -eq 0 ]] || skip "it needs root"
+[[ -x /lib/systemd/systemd ]] || skip "systemd is not installed"
+
+work="$(mktemp -d)"
+manager=
+clean_up() {
+  if [[ -n "$manager" ]]; then kill -KILL "$manager" 2>/dev/null || true; fi
+  rm -rf "$work"
+}
+trap clean_up EXIT
+
+mkdir -p "$work/units/voxelpiped.service.d"
+bin=/usr/local/lib/voxelpipe-test # in the namespace, where a user without rights finds it
+sed -e "s|@bindir@|$bin|" -e "s|/etc/voxelpipe/voxelpiped.env|$work/voxelpiped.env|" \
+  "$repository/docker/systemd/voxelpiped.service.in" >"$work/units/voxelpiped.service"
+# Its ordering names units that are not here; the watchdog is quick. All else is the unit's.
+printf '%s\n' '[Unit]' 'DefaultDependencies=no' '[Service]' "StandardOutput=append:$work/server.log" \
+  "StandardError=append:$work/server.log" 'WatchdogSec=3' >"$work/units/voxelpiped.service.d/test.conf"
+for name in default basic sysinit shutdown network-online multi-user umount final; do
+  printf '[Unit]\nDefaultDependencies=no\n' >"$work/units/$name.target"
+done
+port="$(bash "$repository/tests/support/python.sh" -c 'import socket; print(socket.create_server(("127.0.0.1", 0)).getsockname()[1])')"
+printf '%s\n' "VOXELPIPE_LISTEN=127.0.0.1:$port" VOXELPIPE_LAME_DUCK_MS=3000 VOXELPIPE_ISOLATE_LOADING=on >"$work/voxelpiped.env"
+
+cat >"$work/namespace.sh" <<END
+set -e
+mount --make-rprivate /
+for folder in /run /usr/local/lib /etc/systemd; do mount -t tmpfs tmpfs \$folder; done
+install -D -t $bin "$programs/voxelpiped"
+umount -l /sys/fs/cgroup/* 2>/dev/null || true
+umount -l /sys/fs/cgroup 2>/dev/null || true
+mount -t cgroup2 cgroup2 /sys/fs/cgroup
+exec env -i PATH="\$PATH" container=test SYSTEMD_UNIT_PATH="$work/units" SYSTEMD_GENERATOR_PATH=/nonexistent \
+  /lib/systemd/systemd --system --log-target=console
+END
+unshare --pid --fork --kill-child --mount --cgroup --mount-proc bash "$work/namespace.sh" >"$work/systemd.log" 2>&1 &
+parent=$!
+for _ in $(seq 100); do
+  manager="$(pgrep -P "$parent" || true)"
+  if [[ -n "$manager" ]] && nsenter -t "$manager" -m -p -C test -S /run/systemd/private; then break; fi
+  if ! kill -0 "$parent" 2>/dev/null; then
+    grep -q 'not permitted\|denied' "$work/systemd.log" && skip "no namespaces here: $(tail -n 1 "$work/systemd.log")"
+    fail "systemd does not start"
+  fi
+  sleep 0.1
+done
+systemctl() { nsenter -t "$manager" -m -p -C systemctl "$@"; }
+shown() { systemctl show voxelpiped --value -p "$1"; }
+voxelpipe="$programs/voxelpipe"
+address="127.0.0.1:$port"
+
+systemctl start voxelpiped || fail "the unit does not start"
+[[ "$(shown ActiveState) $(shown StatusText)" == "active serving on $address" ]] || fail "not ready: $(shown StatusText)"
+bash "$repository/tests/support/python.sh" "$repository/tests/support/make_ball.py" "$work/ball.glb"
+bash "$repository/tests/support/python.sh" - "$work/ball.3mf" <<'END'
+import sys, zipfile
+corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+sides = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+space = "http://schemas.openxmlformats.org/package/2006"
+start = "http://schemas.microsoft.com/3dmanufacturing"
+with zipfile.ZipFile(sys.argv[1], "w", zipfile.ZIP_DEFLATED) as file:
+    file.writestr("[Content_Types].xml", f'<Types xmlns="{space}/content-types"><Default Extension="model" '
+                  'ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>')
+    file.writestr("_rels/.rels", f'<Relationships xmlns="{space}/relationships"><Relationship Id="r" '
+                  f'Target="/3D/3dmodel.model" Type="{start}/2013/01/3dmodel"/></Relationships>')
+    file.writestr("3D/3dmodel.model", f'<model unit="meter" xmlns="{start}/core/2015/02"><resources><object id="1" '
+                  'type="model"><mesh><vertices>' + "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in corners)
+                  + "</vertices><triangles>" + "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in sides)
+                  + '</triangles></mesh></object></resources><build><item objectid="1"/></build></model>')
+END
+for mesh in ball.glb ball.3mf; do # the second one by a process that loads meshes, in its sandbox
+  "$voxelpipe" voxelize "$work/$mesh" --server "$address" --resolution 32 --json >"$work/there.json" || fail "$mesh"
+  "$voxelpipe" voxelize "$work/$mesh" --resolution 32 --json >"$work/here.json"
+  diff <(grep -o '"hash":[^,}]*' "$work/there.json") <(grep -o '"hash":[^,}]*' "$work/here.json") || fail "$mesh: other bytes"
+done
+systemctl reload voxelpiped || fail "reload"
+
+# The end under load: calls that begin before the lame duck is over all end well.
+"$voxelpipe" bench "$work/ball.glb" --server "$address" --concurrency 8 --duration 3 --resolution 32 --max-error-rate 0 --json \
+  >"$work/bench.json" &
+load=$!
+sleep 1
+systemctl stop voxelpiped || fail "stop"
+wait "$load" || fail "calls were lost: $(cat "$work/bench.json")"
+[[ "$(shown Result) $(shown ExecMainStatus) $(shown NRestarts)" == "success 0 0" ]] || fail "the end: $(shown Result)"
+
+# One that is stuck.
+systemctl start voxelpiped || fail "the second start"
+systemctl kill -s STOP --kill-whom=main voxelpiped
+for _ in $(seq 200); do
+  [[ "$(shown NRestarts)" == 0 ]] || break
+  sleep 0.1
+done
+[[ "$(shown NRestarts)" == 1 ]] || fail "a stuck server is not restarted"
+for _ in $(seq 100); do
+  [[ "$(shown StatusText)" != "serving on $address" ]] || break
+  sleep 0.1
+done
+"$voxelpipe" server-info --server "$address" >"$work/info" || fail "the restarted server does not answer"
+systemctl stop voxelpiped || fail "the last stop"
+echo "PASSED with $(/lib/systemd/systemd --version | head -n 1): start, calls, reload, end under load, watchdog"
