@@ -27,7 +27,9 @@ def settings_of(unit):
 
 
 def analyze(*arguments):
-    return subprocess.run(["systemd-analyze", *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        ["systemd-analyze", *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 def exposure_of(unit):
@@ -39,8 +41,9 @@ def exposure_of(unit):
 
 def check_times(settings, voxelpiped):
     """The limit of the stop covers what the server takes by default, where its lame duck is the longer one."""
-    options = subprocess.run([voxelpiped, "--listen", "0.0.0.0:1", "--check-config"], capture_output=True, text=True,
-                             timeout=60, check=True).stdout
+    options = subprocess.run(
+        [voxelpiped, "--listen", "0.0.0.0:1", "--check-config"], capture_output=True, text=True, timeout=60, check=True
+    ).stdout
     values = {key: int(value) for key, value in re.findall(r"^(lame-duck-ms|drain-grace-ms) = (\d+)", options, re.M)}
     need = values["lame-duck-ms"] / 1000 + values["drain-grace-ms"] / 1000 + END_S
     if int(settings["TimeoutStopSec"]) < need:
