@@ -66,23 +66,8 @@ address="127.0.0.1:$port"
 systemctl start voxelpiped || fail "the unit does not start"
 [[ "$(shown ActiveState) $(shown StatusText)" == "active serving on $address" ]] || fail "it is not ready"
 python "$repository/tests/support/make_ball.py" "$work/ball.glb"
-python - "$work/ball.3mf" <<'END'
-import sys, zipfile
-corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
-sides = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
-space = "http://schemas.openxmlformats.org/package/2006"
-start = "http://schemas.microsoft.com/3dmanufacturing"
-with zipfile.ZipFile(sys.argv[1], "w", zipfile.ZIP_DEFLATED) as file:
-    file.writestr("[Content_Types].xml", f'<Types xmlns="{space}/content-types"><Default Extension="model" '
-                  'ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>')
-    file.writestr("_rels/.rels", f'<Relationships xmlns="{space}/relationships"><Relationship Id="r" '
-                  f'Target="/3D/3dmodel.model" Type="{start}/2013/01/3dmodel"/></Relationships>')
-    file.writestr("3D/3dmodel.model", f'<model unit="meter" xmlns="{start}/core/2015/02"><resources><object id="1" '
-                  'type="model"><mesh><vertices>' + "".join(f'<vertex x="{x}" y="{y}" z="{z}"/>' for x, y, z in corners)
-                  + "</vertices><triangles>" + "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in sides)
-                  + '</triangles></mesh></object></resources><build><item objectid="1"/></build></model>')
-END
-for mesh in ball.glb ball.3mf; do # the second one by a process that loads meshes, in its sandbox
+python "$repository/tests/docker/make_3mf.py" "$work/corner.3mf"
+for mesh in ball.glb corner.3mf; do # the second one by a process that loads meshes, in its sandbox
   "$voxelpipe" voxelize "$work/$mesh" --server "$address" --resolution 32 --json >"$work/there.json" || fail "$mesh"
   "$voxelpipe" voxelize "$work/$mesh" --resolution 32 --json >"$work/here.json"
   for one in there here; do grep -o '"hash":[^,}]*' "$work/$one.json" >"$work/$one"; done
