@@ -113,16 +113,10 @@ class Cluster:
 
 def aggregate(documents, voxelpipe, data):
     container = container_of(documents, "voxelpipe-aggregate")
-    command = [voxelpipe if word == "voxelpipe" else word for word in container["command"]]
-    arguments = programs.mapped(container["args"], {"/data": str(data)})
-    answer = subprocess.run(
-        [*command, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-        env=programs.clean_environment(),
-    )
+    command = [*container["command"], *programs.mapped(container["args"], {"/data": str(data)})]
+    path = programs.clean_environment(PATH=f"{voxelpipe.parent}:{os.environ['PATH']}")
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False, env=path)
+    assert answer.stdout, answer.stderr
     return answer.returncode, json.loads(answer.stdout)
 
 

@@ -41,9 +41,10 @@ class Checker:
                 options, error = programs.checked_options(self.voxelpiped, arguments)
                 found += [f"arguments: {error}"] if error else []
             else:
-                given = {argument.split("=")[0] for argument in container["args"] if argument.startswith("--")}
-                unknown = given - self.flags[container["args"][0]]
-                found += [f"arguments: {container['args'][0]} has no {flag}" for flag in sorted(unknown)]
+                _, command, *arguments = rules.words_of(container)
+                given = {argument.split("=")[0] for argument in arguments if argument.startswith("--")}
+                unknown = given - self.flags[command]
+                found += [f"arguments: {command} has no {flag}" for flag in sorted(unknown)]
         return found, options
 
     def problems(self, documents, gpu):
@@ -63,12 +64,12 @@ def metric_names(operations_md):
     return {line.split("`")[1] for line in lines if line.startswith(("| `voxelpipe_", "| `process_"))}
 
 
-def check_mistakes(checker, documents, planted):
+def check_mistakes(checker, documents, planted, gpu=False):
     for name, plant, refusal in planted:
         changed = copy.deepcopy(documents)
         plant(changed)
         assert changed != documents, f"{name}: changes nothing"
-        found = checker.problems(changed, gpu=False)
+        found = checker.problems(changed, gpu)
         assert any(refusal in text for text in found), f"not refused: {name}: {found}"
     return len(planted)
 
@@ -81,14 +82,17 @@ def main():
         secrets = pathlib.Path(folder) / "voxelpipe"
         programs.make_secrets(secrets)
         checker = Checker(voxelpiped, voxelpipe, version, metric_names(repository / "server/OPERATIONS.md"), secrets)
+        count = 0
         for target in ("cpu", "gpu"):
             overlay = top / "overlays" / target
             server, batch, aggregate = (kustomize.render(overlay / name) for name in ("server", "batch", "aggregate"))
             for documents in (server, batch + aggregate):
                 found = checker.problems(documents, gpu=target == "gpu")
                 assert not found, "\n".join([str(overlay), *found])
-            if target == "cpu":
-                count = check_mistakes(checker, server, mistakes.SERVER)
+            if target == "gpu":
+                count += check_mistakes(checker, server, mistakes.GPU, gpu=True)
+            else:
+                count += check_mistakes(checker, server, mistakes.SERVER)
                 count += check_mistakes(checker, batch + aggregate, mistakes.BATCH)
     used = {path for path in top.rglob("*.yaml")}
     print(f"{len(used)} files, 6 overlays, {count} mistakes refused")

@@ -20,6 +20,10 @@ def job(documents):
     return only(documents, "Job", "voxelpipe-batch")["spec"]
 
 
+def aggregate(documents):
+    return only(documents, "Job", "voxelpipe-aggregate")["spec"]["template"]["spec"]["containers"][0]
+
+
 def rename(mapping, old, new):
     mapping[new] = mapping.pop(old)
 
@@ -217,6 +221,17 @@ SERVER = [
     ),
 ]
 
+# For the overlay gpu.
+GPU = [
+    ("no GPU", lambda d: container(d)["resources"]["limits"].pop("nvidia.com/gpu"), "None in the overlay gpu"),
+    ("no whole GPU", lambda d: container(d)["resources"]["limits"].update({"nvidia.com/gpu": "0.5"}), "0.5"),
+    (
+        "the image without device code",
+        lambda d: container(d).update(image="registry.example.org/voxelpipe:0.1.0-cpu"),
+        "0.1.0-cpu",
+    ),
+]
+
 BATCH = [
     ("another number of shards than of indexes", lambda d: job(d).update(completions=16), "VOXELPIPE_SHARDS: 8"),
     (
@@ -283,8 +298,13 @@ BATCH = [
         "the pods claim",
     ),
     (
-        "an aggregate that misses an index",
-        lambda d: only(d, "Job", "voxelpipe-aggregate")["spec"]["template"]["spec"]["containers"][0]["args"].pop(3),
+        "an aggregate of other reports",
+        lambda d: aggregate(d).update(args=["voxelpipe aggregate /data/report.json --json"]),
         "the indexes write",
+    ),
+    (
+        "a misspelt option of aggregate",
+        lambda d: aggregate(d).update(args=["voxelpipe aggregate /data/reports/*.json --retry=/data/retry.jsonl"]),
+        "aggregate has no --retry",
     ),
 ]

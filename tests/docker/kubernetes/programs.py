@@ -55,7 +55,7 @@ def mapped(arguments, mounts):
     found = []
     for argument in arguments:
         for there, here in mounts.items():
-            argument = re.sub(rf"(^|=){re.escape(there)}(?=/|$)", rf"\g<1>{here}", argument)
+            argument = re.sub(rf"(^|[= ]){re.escape(there)}(?=/|$)", rf"\g<1>{here}", argument)
         found.append(argument)
     return found
 

@@ -3,6 +3,7 @@ Each rule is a function of a Deck; it gives texts that name what is wrong, none 
 """
 import math
 import re
+import shlex
 
 END_S = 10  # what a server takes beyond lame duck and grace (server/main.cpp)
 SCALES = {
@@ -48,11 +49,16 @@ class Deck:
         )
 
 
+def words_of(container):
+    """The program, and its arguments; a shell's are those of its one command."""
+    if container.get("command") == ["sh", "-c"]:
+        return shlex.split(container["args"][0].removeprefix("exec "))
+    return [*container.get("command", ["voxelpiped"]), *container["args"]]  # that of the image
+
+
 def options_of(container):
     """{flag: value} of arguments --flag=value."""
-    return dict(
-        argument.split("=", 1) for argument in container["args"] if argument.startswith("--") and "=" in argument
-    )
+    return dict(word.split("=", 1) for word in words_of(container) if word.startswith("--") and "=" in word)
 
 
 def port_number(container, port):
@@ -205,7 +211,7 @@ def files_are_mounted(deck):
         if {mount["name"] for mount in mounts.values()} != set(volumes):
             yield f"{where}: volumes {sorted(volumes)}, mounted are {sorted(m['name'] for m in mounts.values())}"
             continue
-        for argument in container["args"]:
+        for argument in words_of(container)[1:]:
             path = argument.rpartition("=")[2]
             if path.startswith("/") and not any(path.startswith(mount + "/") for mount in mounts):
                 yield f"{where}: {argument}: in no volume"
@@ -305,7 +311,7 @@ def jobs_end_as_they_should(deck):
             yield f"{where}: podFailurePolicy: exit code 1 is not retried"
         if "ttlSecondsAfterFinished" not in spec:
             yield f"{where}: ttlSecondsAfterFinished: stays for ever"
-        if container["args"][0] == "batch":
+        if words_of(container)[1] == "batch":
             if not indexed or "backoffLimitPerIndex" not in spec or "backoffLimit" in spec:
                 yield f"{where}: completionMode, backoffLimitPerIndex: one index that fails ends the others"
             shards = {one["name"]: one["value"] for one in container.get("env", [])}.get("VOXELPIPE_SHARDS")
@@ -338,17 +344,14 @@ def claims_are_shared(deck):
 
 def reports_are_those_of_the_batch(deck):
     """Of an overlay of the batch together with its aggregate."""
-    containers = {container["args"][0]: (job, pod, container) for job, pod, container in deck.workloads()}
+    containers = {words_of(container)[1]: (pod, container) for _, pod, container in deck.workloads()}
     if not {"batch", "aggregate"} <= set(containers):
         return
-    job, pod, batch = containers["batch"]
-    _, other_pod, aggregate = containers["aggregate"]
-    written = [
-        options_of(batch).get("--report", "").replace("$(JOB_COMPLETION_INDEX)", str(index))
-        for index in range(job["spec"].get("completions", 0))
-    ]
-    read = [argument for argument in aggregate["args"][1:] if not argument.startswith("--")]
-    if read != written:
+    pod, batch = containers["batch"]
+    other_pod, aggregate = containers["aggregate"]
+    written = options_of(batch).get("--report", "").rpartition("/")[0] + "/*.json"
+    read = [word for word in words_of(aggregate)[2:] if not word.startswith("--")]
+    if read != [written]:
         yield f"voxelpipe-aggregate: reads {read}, the indexes write {written}"
     if pod["volumes"] != other_pod["volumes"] or batch["volumeMounts"] != aggregate["volumeMounts"]:
         yield "voxelpipe-aggregate: has other volumes than the batch"
