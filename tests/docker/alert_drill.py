@@ -2,8 +2,8 @@
 
 A drill of the alerts in docker/alerts.yaml: a real Prometheus scrapes real servers, which are brought into trouble one
 after the other, and each alert fires for the server that has it. The rules are those of the file, but for their times:
-no `for`, and a window of WINDOW. VoxelpipeNoDevice, VoxelpipeQueueSlow, VoxelpipeMemoryFull and
-VoxelpipeMeshStoreTooSmall are left to tests/docker/alerts.test.yaml. Exit 77 with the reason without Prometheus.
+no `for`, and a window of WINDOW. VoxelpipeNoDevice and VoxelpipeMemoryFull are left to tests/docker/alerts.test.yaml.
+Exit 77 with the reason without Prometheus.
 """
 import contextlib
 import json
@@ -126,6 +126,12 @@ def make_certificate(work):
     subprocess.run(["openssl", "req", "-x509", *key, *subject, *files], check=True, capture_output=True, timeout=60)
 
 
+def write_large_obj(path, scale):
+    """A strip of 1,000 triangles, some 24 KiB once it is loaded."""
+    corners = "".join(f"v {scale * i / 1000} {i % 2} 0\n" for i in range(1002))
+    path.write_text(corners + "".join(f"f {i} {i + 1} {i + 2}\n" for i in range(1, 1001)), encoding="utf-8")
+
+
 def run_drill(repository, programs, work, stack):
     make_certificate(work)
     subprocess.run([sys.executable, repository / "tests/support/make_ball.py", work / "ball.glb"], check=True)
@@ -149,11 +155,18 @@ def run_drill(repository, programs, work, stack):
     faulty = start(
         Server(
             programs / "faulty_voxelpiped",
-            *("--max-queue=1", "--workers=1", "--threads=1", "--share-equal-jobs=false", "--fallback=false"),
+            *(
+                "--max-queue=1",
+                "--workers=1",
+                "--gpu-streams=1",
+                "--threads=1",
+                "--share-equal-jobs=false",
+                "--fallback=false",
+            ),
             VOXELPIPE_TEST_FAULTS=str(work / "fault"),
         )
     )
-    short = start(Server(programs / "voxelpiped", descriptors=DESCRIPTORS))
+    short = start(Server(programs / "voxelpiped", "--max-mesh-store-bytes=64KiB", descriptors=DESCRIPTORS))
     prometheus = Prometheus(repository, work, [guarded, faulty, short])
     stack.callback(prometheus.process.wait)
     stack.callback(prometheus.process.kill)
@@ -188,11 +201,24 @@ def run_drill(repository, programs, work, stack):
     load = ["bench", work / "ball.glb", "--server", faulty.address, "--resolution", 128, "--duration", 1]
     drill.expect("VoxelpipeRefusesJobs", faulty, lambda: call(*load, "--concurrency", 32))
 
+    # A job that stalls, and one behind it that waits.
     job = ["voxelize", work / "ball.glb", "--server", faulty.address, "--backend", "cuda"]
+    (work / "fault").write_text("kind=stall stage=fine_raster runs=1", encoding="utf-8")
+    jobs = [stack.enter_context(subprocess.Popen([client, *map(str, job)], stdout=subprocess.DEVNULL)) for _ in "ab"]
+    time.sleep(11)
+    (work / "fault").write_text("kind=none", encoding="utf-8")
+    drill.expect("VoxelpipeQueueSlow", faulty)
+    assert [one.wait(PATIENCE_S) for one in jobs] == [0, 0]
     (work / "fault").write_text("kind=throw stage=fine_raster runs=-1", encoding="utf-8")
     drill.expect("VoxelpipeJobsFail", faulty, lambda: call(*job))
     (work / "fault").write_text("kind=lost stage=fine_raster runs=-1 probes=1000000", encoding="utf-8")
     drill.expect("VoxelpipeDeviceQuarantined", faulty, lambda: call(*job))
+
+    # Stored meshes that evict each other before a call names them.
+    together = ["voxelize", *[work / f"{name}.obj" for name in "abc"], "--together", "--server", short.address]
+    for scale, name in enumerate("abc", start=1):
+        write_large_obj(work / f"{name}.obj", scale)
+    drill.expect("VoxelpipeMeshStoreTooSmall", short, lambda: call(*together))
 
     host, _, port = short.address.rpartition(":")
     connections = []

@@ -39,7 +39,7 @@ printf '%s\n' "VOXELPIPE_LISTEN=127.0.0.1:$port" VOXELPIPE_LAME_DUCK_MS=3000 VOX
 cat >"$work/namespace.sh" <<END
 set -e
 mount --make-rprivate /
-for folder in /run /usr/local/lib /etc/systemd; do mount -t tmpfs tmpfs \$folder; done
+for folder in /run /usr/local/lib /etc/systemd /opt; do mount -t tmpfs tmpfs \$folder; done
 install -D -t $bin "$programs/voxelpiped"
 umount -l /sys/fs/cgroup/* 2>/dev/null || true
 umount -l /sys/fs/cgroup 2>/dev/null || true
@@ -76,8 +76,8 @@ done
 systemctl reload voxelpiped || fail "reload"
 
 # The end under load: calls that begin before the lame duck is over all end well.
-"$voxelpipe" bench "$work/ball.glb" --server "$address" --concurrency 8 --duration 3 --resolution 32 --max-error-rate 0 \
-  --json >"$work/bench.json" &
+"$voxelpipe" bench "$work/ball.glb" --server "$address" --concurrency 8 --duration 3 --resolution 32 \
+  --max-error-rate 0 --json >"$work/bench.json" &
 load=$!
 sleep 1
 systemctl stop voxelpiped || fail "stop"
@@ -97,5 +97,22 @@ for _ in $(seq 100); do
   sleep 0.1
 done
 "$voxelpipe" server-info --server "$address" >"$work/info" || fail "the restarted server does not answer"
+
+# Certificates and tokens that a group may read, as docker/README.md has it; here with a group that there is.
+group=games secrets=/opt/voxelpipe-test # in the namespace
+mkdir "$work/secrets"
+openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 1 -subj /CN=localhost \
+  -addext subjectAltName=DNS:localhost -keyout "$work/secrets/tls.key" -out "$work/secrets/tls.crt" 2>/dev/null
+token=a-token-of-the-test-of-systemd
+echo "{\"clients\": [{\"name\": \"test\", \"role\": \"user\", \"token\": \"$token\"}]}" >"$work/secrets/tokens.json"
+nsenter -t "$manager" -m install -D -g "$group" -m 640 -t "$secrets" "$work"/secrets/*
+awk '/^```ini$/ {inside = 1; next} /^```$/ {inside = 0} inside' "$repository/docker/README.md" |
+  sed -e "s|/etc/voxelpipe|$secrets|g" -e "s|^SupplementaryGroups=.*|SupplementaryGroups=$group|" \
+    >"$work/units/voxelpiped.service.d/secrets.conf"
+systemctl daemon-reload
+systemctl restart voxelpiped || fail "the start with TLS and tokens"
+access=(--server "localhost:$port" --tls-ca "$work/secrets/tls.crt")
+VOXELPIPE_TOKEN="$token" "$voxelpipe" server-info "${access[@]}" >"$work/info" || fail "a call with TLS and a token"
+if "$voxelpipe" server-info "${access[@]}" >"$work/info" 2>&1; then fail "a call without a token passes"; fi
 systemctl stop voxelpiped || fail "the last stop"
-echo "PASSED with $(/lib/systemd/systemd --version | head -n 1): start, calls, reload, end under load, watchdog"
+echo "PASSED with $(/lib/systemd/systemd --version | head -n 1): start, calls, reload, end, watchdog, TLS and tokens"
