@@ -62,6 +62,16 @@ class Server:
         self.http = self.process.stdout.readline().removeprefix("http on ").strip()
         assert self.http, "a server does not start"
 
+    def wait_for_sample(self, line):
+        """Until /metrics has this line."""
+        give_up = time.monotonic() + PATIENCE_S
+        text = ""
+        while f"\n{line}\n" not in text:
+            assert time.monotonic() < give_up, f"no '{line}' in {text}"
+            with urllib.request.urlopen(f"http://{self.http}/metrics", timeout=30) as answer:
+                text = answer.read().decode()
+            time.sleep(0.05)
+
     def kill(self):
         self.process.kill()
         self.process.wait()
@@ -204,7 +214,10 @@ def run_drill(repository, programs, work, stack):
     # A job that stalls, and one behind it that waits.
     job = ["voxelize", work / "ball.glb", "--server", faulty.address, "--backend", "cuda"]
     (work / "fault").write_text("kind=stall stage=fine_raster runs=1", encoding="utf-8")
-    jobs = [stack.enter_context(subprocess.Popen([client, *map(str, job)], stdout=subprocess.DEVNULL)) for _ in "ab"]
+    jobs = []
+    for sample in ('voxelpipe_device_workers_busy{device="cuda:0"} 1', 'voxelpipe_queue_jobs{priority="normal"} 1'):
+        jobs.append(stack.enter_context(subprocess.Popen([client, *map(str, job)], stdout=subprocess.DEVNULL)))
+        faulty.wait_for_sample(sample)
     time.sleep(11)
     (work / "fault").write_text("kind=none", encoding="utf-8")
     drill.expect("VoxelpipeQueueSlow", faulty)
