@@ -255,7 +255,7 @@ def run_drill(repository, programs, work, stack):
 def main():
     repository, programs = (pathlib.Path(argument).resolve() for argument in sys.argv[1:3])
     if shutil.which("prometheus") is None:
-        print("SKIPPED: Prometheus is not installed (docker/packages-operations.txt)")
+        print("SKIPPED: Prometheus is not installed (docker/packages-prometheus.txt)")
         return 77
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         seen = run_drill(repository, programs, pathlib.Path(folder), stack)

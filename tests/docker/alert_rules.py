@@ -85,7 +85,7 @@ def check_names(rules, metrics, operations):
 def main():
     repository, voxelpiped = (pathlib.Path(argument).resolve() for argument in sys.argv[1:3])
     if shutil.which("promtool") is None:
-        print("SKIPPED: promtool is not installed (docker/packages-operations.txt)")
+        print("SKIPPED: promtool is not installed (docker/packages-prometheus.txt)")
         return 77
     test = repository / "tests/docker/alerts.test.yaml"
     promtool("check", "config", repository / "docker/prometheus.yaml")  # and the rules that it names
