@@ -53,9 +53,9 @@ struct Aggregate {
   int exit_code() const;
 };
 
-// In: paths of reports. Of an item that several have, the one that ended last counts. Memory: some 30 bytes an item, and
-// the failed and missing ones. Errors: INVALID_ARGUMENT naming the report that is none, that is of another list, or whose
-// list has changed since; the system's if a report or the list cannot be read.
+// In: paths of reports. Of an item that several have, the one that ended last counts. Memory: some 30 bytes an item,
+// and the failed and missing ones. Errors: INVALID_ARGUMENT naming the report that is none, that is of another list, or
+// whose list has changed since; the system's if a report or the list cannot be read.
 absl::StatusOr<Aggregate> AggregateReports(const std::vector<std::string>& paths);
 
 // Writes the lines of the list that failed or are missing to `path`, for another run of `batch` with the same options.
