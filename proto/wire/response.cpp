@@ -263,6 +263,8 @@ v1::MeshReport ToMessage(const MeshReport& report, bool examined) {
 
 void WriteTo(const Warning& warning, v1::Warning& message) {
   // Numbers are those of the enum plus 1: 0 is UNSPECIFIED.
+  static_assert(int(WarningCode::kPartOpen) + 1 == v1::WARNING_CODE_PART_OPEN &&
+                int(v1::WarningCode_MAX) == v1::WARNING_CODE_PART_OPEN);
   message.set_code(v1::WarningCode(int(warning.code) + 1));
   message.set_place(CleanText(warning.place, WarningList::kMaxTextBytes));
   message.set_text(CleanText(warning.text, WarningList::kMaxTextBytes));
