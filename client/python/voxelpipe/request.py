@@ -15,10 +15,10 @@ from ._mesh.parts import RulesLike, selection
 from ._mesh.placed import MotionLike, Together, TransformLike
 from ._proto.voxelpipe.v1 import request_pb2
 from ._proto.voxelpipe.v1 import types_pb2 as types
-from .axes import turned
-from .clip import clipped
+from ._request.axes import turned
+from ._request.clip import clipped
+from ._request.keywords import check_target_names
 from .errors import InvalidRequest, UnknownOption
-from .keywords import check_target_names
 from .place import GridPlace
 from .targets import Shader, Target
 

@@ -5,8 +5,8 @@ from typing import Any, Sequence
 
 import numpy
 
-from .errors import InvalidRequest
-from .targets import Shader
+from ..errors import InvalidRequest
+from ..targets import Shader
 
 _IDENTITY = (1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
 _MATRICES = ("matrix", "matrix_previous")

@@ -7,10 +7,10 @@ from typing import Any, Sequence
 import numpy
 import numpy.typing
 
-from . import texts
-from ._proto.voxelpipe.v1 import request_pb2
-from ._proto.voxelpipe.v1 import types_pb2 as types
-from .errors import InvalidRequest
+from .. import texts
+from .._proto.voxelpipe.v1 import request_pb2
+from .._proto.voxelpipe.v1 import types_pb2 as types
+from ..errors import InvalidRequest
 
 _MAX_AXIS = 1 << 20  # voxels
 _MAX_VOXELS = 1 << 53

@@ -4,7 +4,7 @@ from __future__ import annotations
 import difflib
 from typing import Iterable
 
-from .errors import UnknownOption
+from ..errors import UnknownOption
 
 # Options of the command line that are none here, and what takes their place.
 _COMMAND_LINE = {
