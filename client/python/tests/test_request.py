@@ -277,3 +277,5 @@ def test_only_bounded_dense_results_count_as_small() -> None:
     assert not make_request(resolution=128, targets=["normal:f32"]).small_result(limit)
     assert not make_request(voxel_size=1.0).small_result(limit)
     assert not make_request(resolution=8, result="sparse").small_result(limit)
+    assert not make_request(resolution=8, parts="node").small_result(limit)
+    assert make_request(resolution=8, parts="whole").small_result(limit)

@@ -39,6 +39,7 @@ from .grid import Sparse, VoxelGrid
 from .in_process_client import InProcessClient
 from .local_server import LocalServer, local_server
 from .mesh_handle import MeshHandle
+from .part_table import Part, Parts
 from .place import GridPlace
 from .report import Estimate, MeshHealth, MeshInfo, MeshReport, MeshWarning, ServerInfo, ShaderInfo, StoredMesh, Summary
 from .stored import load_result, make_grid
@@ -72,6 +73,8 @@ __all__ = [
     "Motion",
     "NotAvailable",
     "Overloaded",
+    "Part",
+    "Parts",
     "PermissionDenied",
     "QuotaExceeded",
     "ServerInfo",

@@ -96,7 +96,9 @@ def voxelize(mesh: MeshLike | MeshHandle, call: Call) -> VoxelGrid:
         "node" (each instance of one), "mesh", "material"; the shader `label` gives a part's label. part_label,
         part_priority: mappings of patterns to numbers, {"wheel*": 3}, or texts "wheel*=3"; of those that match a part's
         name the last one holds. In a pattern * is any text and ? one character. exclude: a pattern or a list of them:
-        parts of these names are left out.
+        parts of these names are left out. With fill "parity" or "nonzero" each part is filled by itself; where parts
+        overlap, the one of the highest priority, of equal ones the last one, gives the values of the blend "replace".
+        The result's `parts` are a table of them.
 
     targets: up to 8: Target objects or texts, "[SHADER][:FORMAT[xC]][:BLEND][:key=value,...]" as the command line
         takes them (Target.parse); default: bits of occupancy. Or by keyword, which names them in the result:

@@ -6,6 +6,7 @@ from typing import Any, Mapping
 
 import numpy
 
+from .part_table import Parts
 from .place import GridPlace
 from .report import MeshWarning, Summary
 from .targets import Target
@@ -67,7 +68,7 @@ class DeviceArray:
 @dataclasses.dataclass(frozen=True)
 class DeviceGrid:
     """A dense result on a GPU. arrays: a DeviceArray of (nz, ny, nx[, c]) for each target's name; of bits, the flat
-    packed bytes, bit n % 8 of byte n / 8.
+    packed bytes, bit n % 8 of byte n / 8. parts: see VoxelGrid.parts; in this machine's memory.
     """
 
     place: GridPlace
@@ -75,6 +76,7 @@ class DeviceGrid:
     arrays: Mapping[str, DeviceArray]
     warnings: tuple[MeshWarning, ...]
     summary: Summary
+    parts: Parts | None = None
 
     def __getitem__(self, name: str) -> DeviceArray:
         if name not in self.arrays:

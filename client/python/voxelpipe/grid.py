@@ -12,6 +12,7 @@ import numpy.typing
 from ._export import convert, picture, save
 from .buckets import Array, Buckets
 from .names import Layout, ResultKind
+from .part_table import Parts
 from .place import Floats, GridPlace, Integers, Vector
 from .report import MeshWarning, Summary
 from .targets import Target
@@ -37,7 +38,10 @@ class VoxelGrid:
     bool. sparse: values of the occupied voxels, (n), (n, c) or (c, n), in the order of `sparse().ijk`. buckets: values
     of the fragments, (m), (m, c) or (c, m); see `buckets`.
 
-    Two grids are equal if their place, kind and targets and all of their bytes are. They can be pickled.
+    parts: of a request with `parts`: label, name, triangles, voxels, ... of each part; None of other requests, and of a
+    mesh without triangles.
+
+    Two grids are equal if their place, kind, targets and parts and all of their bytes are. They can be pickled.
     """
 
     kind: ResultKind
@@ -46,6 +50,7 @@ class VoxelGrid:
     targets: tuple[Target, ...]
     stored: dict[str, Array]  # of each target; bits of packed results as bytes
     lists: dict[str, Array]  # sparse: brick, mask; buckets: voxel, offset, triangle
+    parts: Parts | None
     packed_bits: bool
     warnings: tuple[MeshWarning, ...]
     summary: Summary
@@ -214,7 +219,8 @@ class VoxelGrid:
     @property
     def nbytes(self) -> int:
         """Memory of all arrays, in bytes."""
-        return sum(array.nbytes for array in (*self.lists.values(), *self.stored.values()))
+        parts = 0 if self.parts is None else self.parts.nbytes
+        return parts + sum(array.nbytes for array in (*self.lists.values(), *self.stored.values()))
 
     @property
     def sha256(self) -> str:
@@ -229,6 +235,8 @@ class VoxelGrid:
                 continue
             for at in range(0, len(flat), _HASH_VOXELS):
                 digest.update(numpy.packbits(flat[at : at + _HASH_VOXELS], bitorder="little").data)
+        for array in self._part_arrays():
+            digest.update(array.data)
         return digest.hexdigest()
 
     def _streamed(self) -> list[Array]:
@@ -238,7 +246,10 @@ class VoxelGrid:
             flat = self.stored[target.name].reshape(-1)
             plain = target.format != "bit" or self.packed_bits
             arrays.append(flat.view(numpy.uint8) if plain else numpy.packbits(flat, bitorder="little"))
-        return arrays
+        return arrays + [array.view(numpy.uint8) for array in self._part_arrays()]
+
+    def _part_arrays(self) -> list[Array]:
+        return [] if self.parts is None else list(self.parts._arrays.values())
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, VoxelGrid):
@@ -248,6 +259,8 @@ class VoxelGrid:
         if [target.format for target in self.targets] != [target.format for target in other.targets]:
             return False
         if list(self.stored) != list(other.stored) or list(self.lists) != list(other.lists):
+            return False
+        if self.parts != other.parts:
             return False
         mixed = self.packed_bits != other.packed_bits
         return all(
@@ -373,10 +386,11 @@ class VoxelGrid:
     def __repr__(self) -> str:
         size = " x ".join(f"{axis:.6g}" for axis in self.voxel_size)
         names = ", ".join(f"{target.name} {target.format}" for target in self.targets)
+        parts = "" if self.parts is None else f"; parts: {len(self.parts)}"
         nx, ny, nz = self.dims
         return (
             f"<VoxelGrid {self.kind}: {nx} x {ny} x {nz} voxels of {size}, {self.summary.occupied} occupied; "
-            f"targets: {names}>"
+            f"targets: {names}{parts}>"
         )
 
 

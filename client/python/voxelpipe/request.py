@@ -53,9 +53,15 @@ class Request:
         encoded: bytes = self.message.SerializeToString()
         return encoded
 
+    @property
+    def has_parts(self) -> bool:
+        """True if the mesh is cut into parts, so that the result has a table of them."""
+        return self.spec.parts.scope not in (request_pb2.PART_SCOPE_UNSPECIFIED, request_pb2.PART_SCOPE_WHOLE)
+
     def small_result(self, limit_bytes: int) -> bool:
-        """True if the result can only be at most this large: a dense one of a bounded grid."""
-        return self.spec.result == request_pb2.RESULT_KIND_DENSE and self.dense_bytes() <= limit_bytes
+        """True if the result can only be at most this large: dense, on a bounded grid, without a table of parts."""
+        dense = self.spec.result == request_pb2.RESULT_KIND_DENSE
+        return dense and not self.has_parts and self.dense_bytes() <= limit_bytes
 
     def dense_bytes(self) -> float:
         """The most bytes of a dense result with the grid and the targets of this request; infinite if unknown."""

@@ -11,6 +11,7 @@ import numpy
 import numpy.typing
 
 from . import names
+from ._calls import part_arrays
 from ._calls.reader import ResultReader, check_lists
 from ._proto.voxelpipe.v1 import result_pb2
 from ._proto.voxelpipe.v1 import types_pb2 as types
@@ -24,6 +25,7 @@ Array = numpy.typing.NDArray[Any]
 _Spec = tuple[tuple[int, ...], "numpy.dtype[Any]"]  # shape and type of an array
 
 _FORMATS: dict[str, names.Format] = {"b1": "bit", "u1": "u8", "u2": "u16", "u4": "u32", "f2": "f16", "f4": "f32"}
+_PART_DTYPES = {"u64": "<i8", "i32": "<i4", "u32": "<u4", "u8": "u1"}
 _PLACE = {"dims": ((3,), "iu"), "origin": ((3,), "fiu"), "voxel_size": ((3,), "fiu"), "index_to_world": ((4, 4), "fiu")}
 _MAX_TARGETS = 8
 
@@ -77,7 +79,7 @@ def make_grid(
     for name, array in taken.items():
         _check_values(name, (array.shape, array.dtype), place.shape, False)
         values.append(_values(name, array, array.dtype.kind == "b"))
-    return _made("dense", place, "interleaved", [], values)
+    return _made("dense", place, "interleaved", [], values, {})
 
 
 def load_result(path: "str | os.PathLike[str]", *, layout: names.Layout | None = None) -> VoxelGrid:
@@ -85,8 +87,8 @@ def load_result(path: "str | os.PathLike[str]", *, layout: names.Layout | None =
 
     layout: None: that which the shapes fit, interleaved where both do, as of three voxels with three components. A
     uint8 target of one component that holds zeros and ones alone comes back as bits: an .npz has them as bytes.
-    Shaders, encodings and the summary's times are not in the file. Names, types and shapes are checked before values
-    are read. Errors: OSError; ValueError for a file that is no .npz of a result.
+    The table of parts comes back too. Shaders, encodings and the summary's times are not in the file. Names, types and
+    shapes are checked before values are read. Errors: OSError; ValueError for a file that is no .npz of a result.
     """
     name = os.fspath(path)
     try:
@@ -119,7 +121,8 @@ def _loaded(archive: zipfile.ZipFile, layout: names.Layout | None) -> VoxelGrid:
             raise ValueError(f"it lacks '{key}'")
         if specs[key][0] != shape or specs[key][1].kind not in kinds:
             raise ValueError(f"'{key}' is an array of {specs[key][1]} of the shape {specs[key][0]}; expected {shape}")
-    targets = {key: spec for key, spec in specs.items() if key not in wanted}
+    parts = _part_specs(specs)
+    targets = {key: spec for key, spec in specs.items() if key not in wanted and key not in parts}
     if not 1 <= len(targets) <= _MAX_TARGETS:
         raise ValueError(f"it has {len(targets)} targets; 1 to {_MAX_TARGETS} are possible")
     place = _place_of({key: _read(archive, key) for key in _PLACE if key in specs})
@@ -144,7 +147,24 @@ def _loaded(archive: zipfile.ZipFile, layout: names.Layout | None) -> VoxelGrid:
         if order is not None:
             array = array[..., order] if planar else array[order]
         values.append(_values(key, array, _is_bits(array, base)))
-    return _made(kind, place, "planar" if planar else "interleaved", listed, values)
+    table = {key: _read(archive, key) for key in parts}
+    return _made(kind, place, "planar" if planar else "interleaved", listed, values, table)
+
+
+def _part_specs(specs: Mapping[str, _Spec]) -> list[str]:
+    """The arrays of parts in a file, in stream order. Errors: ValueError naming one that is missing or another."""
+    if "part_label" not in specs:
+        return []
+    wanted = part_arrays.names_of("part_voxels" in specs)
+    sizes = [math.prod(specs.get(name, ((0,), None))[0]) for name in ("part_label", "part_name")]
+    for name, shape in part_arrays.shapes_of(wanted, *sizes).items():
+        if name not in specs:
+            raise ValueError(f"it lacks '{name}'")
+        dtype = numpy.dtype(_PART_DTYPES[part_arrays.ELEMENTS[name]])
+        if specs[name] != (shape, dtype):
+            found = f"'{name}' is an array of {specs[name][1]} of the shape {specs[name][0]}"
+            raise ValueError(f"{found}; expected {dtype} of {shape}")
+    return wanted
 
 
 def _spec_of(archive: zipfile.ZipFile, entry: str) -> _Spec:
@@ -220,7 +240,12 @@ def _values(name: str, array: Array, bits: bool) -> _Values:
 
 
 def _made(
-    kind: names.ResultKind, place: GridPlace, layout: names.Layout, lists: list[Array], values: list[_Values]
+    kind: names.ResultKind,
+    place: GridPlace,
+    layout: names.Layout,
+    lists: list[Array],
+    values: list[_Values],
+    parts: Mapping[str, Array],
 ) -> VoxelGrid:
     base = len(place.shape) if kind == "dense" else 1
     for number, value in enumerate(values):
@@ -233,6 +258,9 @@ def _made(
         targets=[value.target for value in values],
         result=kind,
         layout=layout,
+        # Which sets of triangles the parts are, and how they were filled, is not known: any that have these arrays.
+        parts="node" if parts else "whole",
+        fill="parity" if "part_voxels" in parts else "none",
     )
     header = result_pb2.ResultHeader(
         grid=types.Grid(
@@ -250,7 +278,11 @@ def _made(
     for number, value in enumerate(values):
         element = f"ELEMENT_TYPE_{value.target.format.upper()}"
         header.arrays.add(name=f"target{number}", element_type=element, shape=value.shape)
+    for name, array in parts.items():
+        element = f"ELEMENT_TYPE_{part_arrays.ELEMENTS[name].upper()}"
+        header.arrays.add(name=name, element_type=element, shape=array.shape)
     flat = [array.reshape(-1).view(numpy.uint8) for array in lists] + [value.data for value in values]
+    flat += [array.view(numpy.uint8) for array in parts.values()]
     reader = ResultReader(request, max_result_bytes=1 << 63, request_id="", report=None)
     summary = result_pb2.Summary(result_bytes=sum(array.nbytes for array in flat))
     grid = reader.taken_over(header.SerializeToString(), flat, summary.SerializeToString())

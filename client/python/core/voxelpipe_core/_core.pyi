@@ -55,7 +55,7 @@ def run(
     bytes of a mesh file that refers to no others; of a request that places several a list of HeldMesh, whose names
     those of the request are. timeout: seconds. progress: called from another thread. positions: of a held mesh: a
     buffer of float32 x, y, z of each vertex. Out: a ResultHeader, the arrays in stream order as flat bytes that own
-    their memory (numpy, uint8), or DeviceBuffer objects with on_device, a Summary. Errors: Failed; what progress or a
+    their memory (numpy, uint8), with on_device the targets as DeviceBuffer objects, a Summary. Errors: Failed; what progress or a
     signal handler raised, after the job has ended.
     """
 

@@ -123,12 +123,25 @@ _ARRAYS: dict[str, list[tuple[str, Any, Any]]] = {
         ("target0", types.ELEMENT_TYPE_U32, numpy.array([7, 9, 11], "<u4")),
     ],
 }
+_PARTS: list[tuple[str, Any, Any]] = [
+    ("part_label", types.ELEMENT_TYPE_U32, numpy.array([3, 1, 1 << 31], "<u4")),
+    ("part_priority", types.ELEMENT_TYPE_I32, numpy.array([0, -7, 5], "<i4")),
+    ("part_triangles", types.ELEMENT_TYPE_U64, numpy.array([12, 4, 1 << 40], "<u8")),
+    ("part_open_edges", types.ELEMENT_TYPE_U64, numpy.array([0, 3, 0], "<u8")),
+    ("part_odd_columns", types.ELEMENT_TYPE_U64, numpy.array([0, 2, 0], "<u8")),
+    ("part_voxels", types.ELEMENT_TYPE_U64, numpy.array([7, 0, 1 << 41], "<u8")),
+    ("part_name_offset", types.ELEMENT_TYPE_U64, numpy.array([0, 4, 4, 9], "<u8")),
+    ("part_name", types.ELEMENT_TYPE_U8, numpy.frombuffer("wingRäde".encode(), "u1")),
+]
 OPTIONS: dict[str, Any] = {"resolution": 4, "targets": "triangle_id:u32"}
+PART_OPTIONS: dict[str, Any] = {"parts": "node", "fill": "parity"}
 
 
-def honest(kind: str) -> Told:
-    """A result for OPTIONS."""
-    arrays = _ARRAYS[kind]
+def honest(kind: str, parts: bool = False) -> Told:
+    """A result for OPTIONS; with parts for PART_OPTIONS too, buckets without their fill."""
+    unfilled = [one for one in _PARTS if one[0] not in ("part_open_edges", "part_odd_columns", "part_voxels")]
+    table = unfilled if kind == "buckets" else _PARTS
+    arrays = _ARRAYS[kind] + (table if parts else [])
     return Told(
         result_pb2.VoxelizationPlan(grid=grid(4, 4, 4), result_bytes=256, backend=types.BACKEND_CPU),
         result_pb2.ResultHeader(

@@ -13,6 +13,7 @@ from ..targets import DTYPES
 LIST_DTYPES: dict[str, numpy.dtype[Any]] = {
     "u64": numpy.dtype("<u8"),
     "u32": numpy.dtype("<u4"),
+    "i32": numpy.dtype("<i4"),
     "u8": numpy.dtype("u1"),
 }
 

@@ -11,15 +11,17 @@ import numpy.typing
 from .._proto.voxelpipe.v1 import request_pb2, result_pb2
 from .._proto.voxelpipe.v1 import types_pb2 as types
 from ..device import DeviceArray, DeviceGrid
-from ..errors import DataLoss, MissingPackage, TooLarge
+from ..errors import MissingPackage, TooLarge
 from ..grid import VoxelGrid
+from ..part_table import Parts
 from ..place import GridPlace
 from ..report import Summary, read_place, read_warnings
 from ..request import Request
 from ..targets import DTYPES
 from .crc32c import crc32c
 from .destination import LIST_DTYPES, Destination, memory_bytes, wire_bytes
-from .wire import Piece, parsed, read_pieces
+from .part_arrays import check_shapes, expected_names, read_parts
+from .wire import Piece, lost, parsed, read_pieces
 
 Report = Callable[[str, float, int], None]
 
@@ -42,14 +44,10 @@ _DEVICE_DTYPES = {**DTYPES, "bit": numpy.dtype("u1")}  # bits stay eight a byte
 Array = numpy.typing.NDArray[Any]
 
 
-def _lost(why: str) -> DataLoss:
-    return DataLoss(f"the server's result: {why}")
-
-
 def _taken_over(element: str, shape: tuple[int, ...], unpack: bool, data: Array) -> Array:
     """A flat array of bytes as what it is, without a copy but of bits that become bools. Errors: DataLoss."""
     if data.nbytes != wire_bytes(element, shape):
-        raise _lost(f"an array of {data.nbytes} bytes, {element} of shape {shape}")
+        raise lost(f"an array of {data.nbytes} bytes, {element} of shape {shape}")
     if element == "bit":
         count = math.prod(shape)
         bits = numpy.unpackbits(data, count=count, bitorder="little") if unpack else data
@@ -67,6 +65,7 @@ class ResultReader:
         self._report = report
         self._place: GridPlace | None = None
         self._kind = ""
+        self._parts: list[str] = []  # the arrays of parts, which come last
         self._header = b""
         self._names: list[str] = []
         self._arrays: list[Destination] = []
@@ -93,7 +92,7 @@ class ResultReader:
     def add(self, response: result_pb2.VoxelizeResponse) -> None:
         """A VoxelizeResponse: any parts of a result, in their order. Errors: DataLoss, TooLarge."""
         if self.complete:
-            raise _lost("a message after its summary")
+            raise lost("a message after its summary")
         if response.HasField("plan"):
             self._add_plan(response.plan)
         if response.HasField("progress"):
@@ -110,34 +109,38 @@ class ResultReader:
         specs = self._read_header(result_pb2.ResultHeader.FromString(header))
         self._header = header
         if len(specs) != len(arrays):
-            raise _lost(f"{len(arrays)} arrays, announced were {len(specs)}")
+            raise lost(f"{len(arrays)} arrays, announced were {len(specs)}")
         unpack = not self._request.packed_bits
         taken = [_taken_over(element, shape, unpack, data) for (element, shape), data in zip(specs, arrays)]
         return self._grid(taken, result_pb2.Summary.FromString(summary))
 
     def taken_on_device(self, header: bytes, buffers: Sequence[Any], summary: bytes) -> DeviceGrid:
-        """A dense result whose arrays are voxelpipe_core.DeviceBuffer objects. Errors: DataLoss."""
+        """A dense result whose targets are voxelpipe_core.DeviceBuffer objects. Errors: DataLoss."""
         specs = self._read_header(result_pb2.ResultHeader.FromString(header))
+        # Each has a `size` in bytes: the targets are on the device, the arrays of parts are not.
         if [buffer.size for buffer in buffers] != [wire_bytes(element, shape) for element, shape in specs]:
-            raise _lost("arrays of other sizes than announced")
+            raise lost("arrays of other sizes than announced")
         assert self._place is not None
         message = result_pb2.Summary.FromString(summary)
         arrays = {
             target.name: DeviceArray(buffer, shape if element != "bit" else (buffer.size,), _DEVICE_DTYPES[element])
             for target, buffer, (element, shape) in zip(self._request.targets, buffers, specs)
         }
+        others = list(zip(specs, buffers))[len(arrays) :]
+        parts = [_taken_over(element, shape, False, data) for (element, shape), data in others]
         return DeviceGrid(
             place=self._place,
             targets=self._request.targets,
             arrays=arrays,
             warnings=read_warnings(message),
             summary=Summary.of(message, self._request_id),
+            parts=self._table(parts),
         )
 
     def finish(self) -> VoxelGrid:
         """The result. Errors: DataLoss if anything of it is missing."""
         if self._summary is None or self._place is None:
-            raise _lost("it ended before its summary")
+            raise lost("it ended before its summary")
         lists = {name: self._arrays[i].array for i, name in enumerate(_LISTS[self._kind])}
         check_lists(self._kind, self._place, lists, self._values)
         return self._grid([destination.array for destination in self._arrays], self._summary)
@@ -152,6 +155,7 @@ class ResultReader:
             targets=self._request.targets,
             stored={target.name: arrays[len(lists) + i] for i, target in enumerate(self._request.targets)},
             lists=lists,
+            parts=self._table(arrays[len(lists) + len(self._request.targets) :]),
             packed_bits=self._request.packed_bits,
             warnings=read_warnings(summary),
             summary=Summary.of(summary, self._request_id),
@@ -159,19 +163,23 @@ class ResultReader:
             _header=self._header,
         )
 
+    def _table(self, arrays: Sequence[Array]) -> Parts | None:
+        """In: the arrays of parts. Errors: DataLoss."""
+        return read_parts(dict(zip(self._parts, arrays)))
+
     def _add_plan(self, plan: result_pb2.VoxelizationPlan) -> None:
         if self._planned:
-            raise _lost("a second plan")
+            raise lost("a second plan")
         if self._place is not None:
-            raise _lost("a plan after the header")
+            raise lost("a plan after the header")
         if min(plan.result_bytes, plan.peak_bytes) < 0:
-            raise _lost("a plan of a negative size")
+            raise lost("a plan of a negative size")
         read_place(plan.grid)
         self._planned = True
 
     def _add_progress(self, progress: result_pb2.Progress) -> None:
         if math.isnan(progress.fraction):
-            raise _lost("a progress that is no number")
+            raise lost("a progress that is no number")
         if self._report:
             self._report(progress.stage, progress.fraction, self._received)
 
@@ -184,14 +192,14 @@ class ResultReader:
     def _read_header(self, header: result_pb2.ResultHeader) -> list[tuple[str, tuple[int, ...]]]:
         """Element and shape of each array. Errors: DataLoss, TooLarge."""
         if self._place is not None:
-            raise _lost("a second header")
+            raise lost("a second header")
         place = read_place(header.grid)
         self._check_grid(place)
         asked, made = self._request.spec, header.spec
         if made.result != asked.result:
-            raise _lost(f"a result of kind {made.result}, requested was {asked.result}")
+            raise lost(f"a result of kind {made.result}, requested was {asked.result}")
         if made.layout != asked.layout:
-            raise _lost(f"a result of layout {made.layout}, requested was {asked.layout}")
+            raise lost(f"a result of layout {made.layout}, requested was {asked.layout}")
         self._kind = _KINDS[asked.result]
         specs = self._expected(header, place)
         self._total = sum(wire_bytes(element, shape) for element, shape in specs)
@@ -211,32 +219,36 @@ class ResultReader:
         """Element and shape of each array, checked against the request and the grid."""
         lists = _LISTS[self._kind]
         names = [*lists, *(f"target{i}" for i in range(len(self._request.targets)))]
+        others = len(names)
+        self._parts = expected_names(self._request, len(header.arrays), others)
+        names += self._parts
         if len(header.arrays) != len(names):
-            raise _lost(f"{len(header.arrays)} arrays instead of {len(names)}")
+            raise lost(f"{len(header.arrays)} arrays instead of {len(names)}")
         for name, array in zip(names, header.arrays):
             if array.name != name:
-                raise _lost(f"an array that is not '{name}' in its place")
+                raise lost(f"an array that is not '{name}' in its place")
             if not 1 <= len(array.shape) <= _MAX_DIMENSIONS:
-                raise _lost(f"its array {name} has a shape of {len(array.shape)} numbers")
+                raise lost(f"its array {name} has a shape of {len(array.shape)} numbers")
             if min(array.shape) < 0:
-                raise _lost(f"its array {name} has a shape of {min(array.shape)} elements")
+                raise lost(f"its array {name} has a shape of {min(array.shape)} elements")
         elements = [_element(array.element_type) for array in header.arrays]
         shapes = [tuple(int(axis) for axis in array.shape) for array in header.arrays]
         planar = self._request.spec.layout == request_pb2.LAYOUT_PLANAR
         *listed, base = _counted(self._kind, shapes, planar, place)
         for i, name in enumerate(lists):
             if elements[i] != _LIST_TYPES[name] or shapes[i] != listed[i]:
-                raise _lost(f"its array {name} is {elements[i]} of shape {shapes[i]}")
+                raise lost(f"its array {name} is {elements[i]} of shape {shapes[i]}")
         self._values = base[0]
+        check_shapes(self._parts, elements[others:], shapes[others:])
         for i, target in enumerate(self._request.targets):
             element, shape = elements[len(lists) + i], shapes[len(lists) + i]
             extra = [shape[0] if planar else shape[-1]] if len(shape) == len(base) + 1 else []
             whole = (*extra, *base) if planar else (*base, *extra)
             components = extra[0] if extra else 1
             if element != target.format or shape != whole or not 1 <= components <= 4:
-                raise _lost(f"its array target{i} is {element} of shape {shape}")
+                raise lost(f"its array target{i} is {element} of shape {shape}")
             if target.components not in (None, components):
-                raise _lost(f"its array target{i} has {components} components, requested were {target.components}")
+                raise lost(f"its array target{i} has {components} components, requested were {target.components}")
         return list(zip(elements, shapes))
 
     def _check_grid(self, place: GridPlace) -> None:
@@ -247,28 +259,28 @@ class ResultReader:
         if form == "resolution":
             voxels = grid.resolution.voxels
             if max(place.dims) > voxels + padding:
-                raise _lost(f"its dims are {place.dims}, requested was resolution {voxels}, padding {grid.padding}")
+                raise lost(f"its dims are {place.dims}, requested was resolution {voxels}, padding {grid.padding}")
         if form in ("dims", "placement"):
             wanted = tuple(axis + padding for axis in (given.dims.x, given.dims.y, given.dims.z))
             if place.dims != wanted:
-                raise _lost(f"its dims are {place.dims}, requested were {wanted}")
+                raise lost(f"its dims are {place.dims}, requested were {wanted}")
         if form in ("voxel_size", "placement"):
             size = given.voxel_size
             if place.voxel_size != (size.x, size.y, size.z):
-                raise _lost("its voxel size is not the requested one")
+                raise lost("its voxel size is not the requested one")
 
     def _add_piece(self, piece: Piece) -> None:
         if self._place is None:
-            raise _lost("a piece before the header")
+            raise lost("a piece before the header")
         if not piece.data:
-            raise _lost("a piece without bytes")
+            raise lost("a piece without bytes")
         while self._array < len(self._arrays) and self._offset == self._arrays[self._array].wire_bytes:
             self._array += 1
             self._offset = 0
         if self._array == len(self._arrays):
-            raise _lost("more bytes than announced")
+            raise lost("more bytes than announced")
         if (piece.array, piece.offset) != (self._array, self._offset):
-            raise _lost(
+            raise lost(
                 f"a piece of array {piece.array} at offset {piece.offset}, expected was array {self._array} at "
                 f"{self._offset}"
             )
@@ -276,11 +288,11 @@ class ResultReader:
         compressed = piece.uncompressed_bytes is not None
         size = len(piece.data) if piece.uncompressed_bytes is None else piece.uncompressed_bytes
         if size < 1:
-            raise _lost(f"a compressed piece of {size} bytes")
+            raise lost(f"a compressed piece of {size} bytes")
         if size > destination.wire_bytes - self._offset or (compressed and size > _MAX_UNCOMPRESSED_BYTES):
-            raise _lost(f"a piece of {size} bytes at offset {self._offset} of array {self._array} is too long")
+            raise lost(f"a piece of {size} bytes at offset {self._offset} of array {self._array} is too long")
         if crc32c(piece.data) != piece.crc32c:
-            raise _lost(f"the CRC32C of the piece at offset {self._offset} of array {self._array} does not match")
+            raise lost(f"the CRC32C of the piece at offset {self._offset} of array {self._array} does not match")
         data: Any = _decompressed(piece.data, size) if compressed else piece.data
         destination.write(self._offset, data)
         if self._hash:
@@ -292,17 +304,17 @@ class ResultReader:
 
     def _add_summary(self, summary: result_pb2.Summary) -> None:
         if self._place is None:
-            raise _lost("a summary before the header")
+            raise lost("a summary before the header")
         if self._received != self._total:
-            raise _lost(f"it ended after {self._received} of {self._total} bytes")
+            raise lost(f"it ended after {self._received} of {self._total} bytes")
         if self._hash and self._hash.hexdigest() != summary.content_sha256:
-            raise _lost("its SHA-256 is not the announced one")
+            raise lost("its SHA-256 is not the announced one")
         self._summary = summary
 
 
 def _element(element: int) -> str:
     if element not in _ELEMENTS:
-        raise _lost(f"an array of the unknown type {element}")
+        raise lost(f"an array of the unknown type {element}")
     return _ELEMENTS[element]
 
 
@@ -317,17 +329,17 @@ def _counted(kind: str, shapes: list[tuple[int, ...]], planar: bool, place: Grid
         bricks, voxels = shapes[0][0], shapes[2][-1 if planar else 0]
         most = math.prod((axis + 7) // 8 for axis in place.dims)
         if bricks > most:
-            raise _lost(f"{bricks} bricks in a grid of {most}")
+            raise lost(f"{bricks} bricks in a grid of {most}")
         if not bricks <= voxels <= 512 * bricks:
-            raise _lost(f"{voxels} voxels in {bricks} bricks")
+            raise lost(f"{voxels} voxels in {bricks} bricks")
         counted: list[tuple[int, ...]] = [(bricks,), (bricks, 64), (voxels,)]
     else:
         voxels, fragments = shapes[0][0], shapes[2][0]
         if not voxels <= fragments <= _MAX_FRAGMENTS:
-            raise _lost(f"{fragments} fragments in {voxels} voxels")
+            raise lost(f"{fragments} fragments in {voxels} voxels")
         counted = [(voxels,), (voxels + 1,), (fragments,), (fragments,)]
     if voxels > place.voxels:
-        raise _lost(f"{voxels} voxels listed in a grid of {place.voxels}")
+        raise lost(f"{voxels} voxels listed in a grid of {place.voxels}")
     return counted
 
 
@@ -338,18 +350,18 @@ def _decompressed(data: memoryview, size: int) -> bytes:
         raise MissingPackage("compression='zstd' needs the package zstandard", package="zstandard") from error
     try:
         if zstandard.frame_content_size(data) != size:
-            raise _lost("a compressed piece that is not one zstd frame of the announced size")
+            raise lost("a compressed piece that is not one zstd frame of the announced size")
         result = zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
     except zstandard.ZstdError as error:
-        raise _lost("a compressed piece is broken") from error
+        raise lost("a compressed piece is broken") from error
     if len(result) != size:
-        raise _lost("a compressed piece is broken")
+        raise lost("a compressed piece is broken")
     return bytes(result)
 
 
 def _check_ids(ids: Array, name: str, end: int) -> None:
     if len(ids) and (int(ids[-1]) >= end or bool((ids[1:] <= ids[:-1]).any())):
-        raise _lost(f"the array {name} does not ascend below {end}")
+        raise lost(f"the array {name} does not ascend below {end}")
 
 
 def check_lists(kind: str, place: GridPlace, lists: dict[str, Array], values: int) -> None:
@@ -362,15 +374,15 @@ def check_lists(kind: str, place: GridPlace, lists: dict[str, Array], values: in
             part = slice(at, at + _BRICKS_AT_ONCE)
             found += _checked_masks(place, bricks, lists["brick"][part].astype(numpy.int64), lists["mask"][part])
         if found != values:
-            raise _lost(f"the masks have {found} voxels, which is not the announced number of values, {values}")
+            raise lost(f"the masks have {found} voxels, which is not the announced number of values, {values}")
     elif kind == "buckets":
         _check_ids(lists["voxel"], "voxel", place.voxels)
         offset, triangle = lists["offset"], lists["triangle"]
         if int(offset[0]) != 0 or int(offset[-1]) != len(triangle) or bool((offset[1:] <= offset[:-1]).any()):
-            raise _lost(f"its offsets do not ascend from 0 to {len(triangle)}")
+            raise lost(f"its offsets do not ascend from 0 to {len(triangle)}")
         falls = numpy.flatnonzero(triangle[1:] <= triangle[:-1]) + 1
         if not bool(numpy.isin(falls, offset).all()):
-            raise _lost("its triangles do not ascend within a voxel")
+            raise lost("its triangles do not ascend within a voxel")
 
 
 def _checked_masks(place: GridPlace, bricks: list[int], ids: Array, masks: Array) -> int:
@@ -383,7 +395,7 @@ def _checked_masks(place: GridPlace, bricks: list[int], ids: Array, masks: Array
     allowed = numpy.where(inside, row[:, None, None], 0).astype(numpy.uint8)
     rows = masks.reshape(-1, 8, 8)
     if bool((rows & ~allowed).any()):
-        raise _lost("a mask has voxels outside of the grid")
+        raise lost("a mask has voxels outside of the grid")
     if not bool(masks.any(axis=1).all()):
-        raise _lost("a mask is empty")
+        raise lost("a mask is empty")
     return int(numpy.unpackbits(masks).sum(dtype=numpy.int64))

@@ -32,6 +32,11 @@ _CRC32C = _tag(result_pb2.ResultPiece.CRC32C_FIELD_NUMBER, _FIXED32)
 _UNCOMPRESSED = _tag(result_pb2.ResultPiece.UNCOMPRESSED_BYTES_FIELD_NUMBER, _VARINT)
 
 
+def lost(why: str) -> DataLoss:
+    """The error of a result that is not valid."""
+    return DataLoss(f"the server's result: {why}")
+
+
 @dataclasses.dataclass(slots=True)
 class Piece:
     """A ResultPiece. `data` points into the message. uncompressed_bytes: None if it is not compressed."""

@@ -23,6 +23,7 @@ Array = numpy.typing.NDArray[Any]
 
 _VIEW_PIXELS = 320  # of the longest side
 _GAP_PIXELS = 8
+_NAMES = 12  # of parts, in a table
 _BACKGROUND = (34, 37, 43)
 _PLAIN = (205, 214, 228)
 _PAGE = (
@@ -148,6 +149,11 @@ def _scaled(pixels: Array, row_size: float, column_size: float) -> Array:
     return scaled
 
 
+def _listed(names: list[str]) -> str:
+    shown = ", ".join(name or "(no name)" for name in names[:_NAMES])
+    return shown if len(names) <= _NAMES else f"{shown} and {len(names) - _NAMES} more"
+
+
 def html(grid: "VoxelGrid") -> str:
     """A table of size and place, and the picture."""
     low, high = grid.bounds
@@ -158,6 +164,7 @@ def html(grid: "VoxelGrid") -> str:
         "to corner": ", ".join(f"{value:.6g}" for value in high),
         "occupied": f"{grid.summary.occupied:,}",
         "targets": ", ".join(f"{target.name} ({target.format})" for target in grid.targets),
+        **({} if grid.parts is None else {"parts": _listed(grid.parts.name)}),
         "computed by": f"{grid.summary.backend}, {grid.summary.voxelize_ms:.1f} ms",
     }
     if grid.warnings:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy
 
-from .._calls import core_module
+from .._calls import core_module, part_arrays
 from .._calls.printable import printable
 from .._proto.voxelpipe.v1 import request_pb2
 from ..report import MeshWarning
@@ -137,9 +137,10 @@ def _arrays(grid: "VoxelGrid") -> dict[str, Any]:
         "index_to_world": grid.index_to_world,
     }
     for target in grid.targets:
-        if target.name in place or target.name in _LISTS:
+        if target.name in place or target.name in _LISTS or target.name in part_arrays.ELEMENTS:
             raise ValueError(f"the target '{target.name}' has the name of another array of an .npz; rename it")
-    return arrays | {target.name: _as_written(grid[target.name]) for target in grid.targets} | place
+    parts = {} if grid.parts is None else grid.parts._arrays
+    return arrays | {target.name: _as_written(grid[target.name]) for target in grid.targets} | place | parts
 
 
 def _description(grid: "VoxelGrid", file_name: str) -> str:
@@ -175,6 +176,7 @@ def _description(grid: "VoxelGrid", file_name: str) -> str:
                 "bytes": (math.prod(shape) + 7) // 8 if bits else array.nbytes,
             }
         ],
+        **({} if grid.parts is None else {"parts": grid.parts._columns}),
         "hash": grid.sha256,
     }
     return json.dumps(described, indent=1, ensure_ascii=False) + "\n"
