@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import math
 import os
 import zipfile
@@ -97,9 +98,9 @@ def load_result(path: "str | os.PathLike[str]", *, layout: names.Layout | None =
                 raise ValueError("it is no zip archive")
             with zipfile.ZipFile(file) as archive:
                 return _loaded(archive, layout)
-    except OSError:
-        raise
     except Exception as error:  # of a broken archive: of zipfile, zlib, tokenize, numpy, ...
+        if isinstance(error, OSError) and error.errno != errno.EINVAL:  # EINVAL: it names a place before its first byte
+            raise
         why = str(error).replace("the server's answer: ", "").replace("the server's result: ", "")
         raise ValueError(f"{name}: no .npz of a result: {why or type(error).__name__}") from None
 

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import pathlib
 import pickle
@@ -376,6 +377,19 @@ def test_other_tables_are_refused(tmp_path: pathlib.Path, changes: dict[str, Any
     numpy.savez(tmp_path / "a.npz", **arrays)
     with pytest.raises(ValueError, match=f"a.npz: no .npz of a result: .*({why})"):
         voxelpipe.load_result(tmp_path / "a.npz")
+
+
+def test_damaged_tables_are_value_errors(tmp_path: pathlib.Path) -> None:
+    numpy.savez(tmp_path / "right.npz", **RIGHT)
+    right = (tmp_path / "right.npz").read_bytes()
+    draw = numpy.random.default_rng(11)
+    for _ in range(300):
+        wrong = bytearray(right)
+        for place in draw.integers(0, len(wrong), 4):
+            wrong[place] = int(draw.integers(0, 256))
+        (tmp_path / "a.npz").write_bytes(wrong)
+        with contextlib.suppress(ValueError):
+            voxelpipe.load_result(tmp_path / "a.npz")
 
 
 def test_a_target_with_the_name_of_a_column_is_not_written(tmp_path: pathlib.Path) -> None:
