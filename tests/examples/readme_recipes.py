@@ -60,6 +60,10 @@ def main():
     subprocess.run([sys.executable, "-c", python], cwd=work / "run", env=environment, check=True, timeout=200)
     missing = [name for name in [*MADE, BY_PYTHON] if not (work / "run" / name).is_file()]
     assert not missing, missing
+    import numpy
+
+    with numpy.load(work / "run/solid.npz") as solid:
+        assert (solid["target1"][solid["target0"] == 1] == 255).all(), "white inside too, as the ball's material"
     return 0
 
 

@@ -1,4 +1,5 @@
-"""Runs every Python block of README.md as it stands, with the meshes and the server that it takes for granted.
+"""Runs the Python blocks of README.md as they stand, with the meshes and the server that they take for granted. Those
+of "Recipes for parts" are run by tests/recipes.
 
 usage: guide.py README     in a folder with bunny.glb (make_ball.py), key.pem and cert.pem (of 127.0.0.1)
 """
@@ -58,7 +59,9 @@ def far(*options: str) -> Iterator[str]:
 
 
 def main(readme: pathlib.Path) -> None:
-    blocks = re.findall(r"^```py(?:thon)?\n(.*?)^```", readme.read_text("utf-8"), re.M | re.S)
+    before, _, after = readme.read_text("utf-8").partition("\n## Recipes for parts\n")
+    guide = before + after.partition("\n## ")[2]
+    blocks = re.findall(r"^```py(?:thon)?\n(.*?)^```", guide, re.M | re.S)
     in_process, on_device, servers, together = blocks
     called, local, asynchronous = servers.split("\n\n")
     names: dict[str, Any] = {"voxelpipe": voxelpipe, "paths": ["bunny.glb"] * 5}
