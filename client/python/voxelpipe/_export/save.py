@@ -176,7 +176,7 @@ def _description(grid: "VoxelGrid", file_name: str) -> str:
                 "bytes": (math.prod(shape) + 7) // 8 if bits else array.nbytes,
             }
         ],
-        **({} if grid.parts is None else {"parts": grid.parts._columns}),
         "hash": grid.sha256,
+        **({} if grid.parts is None else {"parts": grid.parts._columns}),
     }
     return json.dumps(described, indent=1, ensure_ascii=False) + "\n"
