@@ -159,7 +159,13 @@ absl::Status FindOwners(RunState& state) {
       at_once = (args.end_row - row + 1) / 2;
       continue;
     }
-    VOXELPIPE_OK_OR_RETURN(Sweep(state, args, *count, lists));
+    const absl::Status swept = Sweep(state, args, *count, lists);
+    if (absl::IsResourceExhausted(swept) && args.end_row - row > 1) {  // before a voxel was painted
+      VOXELPIPE_OK_OR_RETURN(lists.MakeSomeRoom(args.capacity / 2, state.stream));
+      at_once = (args.end_row - row + 1) / 2;
+      continue;
+    }
+    if (!swept.ok()) return swept;
     row = args.end_row;
   }
   return absl::OkStatus();
