@@ -185,16 +185,10 @@ absl::Status AtomicFile::WriteAt(uint64_t offset, std::span<const uint8_t> bytes
   return absl::OkStatus();
 }
 
-absl::Status AtomicFile::Commit(const std::string& by_way_of) {
+absl::Status AtomicFile::Commit() {
   // Some file systems (quotas, network) report a failed write only here.
   if (close(std::exchange(descriptor_, -1)) != 0) return OutputError(errno, absl::StrCat("cannot write '", path_, "'"));
   if (temporary_.empty()) return absl::OkStatus();
-  if (!by_way_of.empty()) {
-    if (std::rename(temporary_.c_str(), by_way_of.c_str()) != 0) {
-      return OutputError(errno, absl::StrCat("cannot create '", by_way_of, "'"));
-    }
-    temporary_ = by_way_of;
-  }
   if (std::rename(temporary_.c_str(), final_path_.c_str()) != 0) {
     return OutputError(errno, absl::StrCat("cannot create '", path_, "'"));
   }

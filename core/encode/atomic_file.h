@@ -46,9 +46,8 @@ class AtomicFile {
   // Replaces bytes that were written before, from `offset` on; Write continues at the end. Errors as Write has them.
   absl::Status WriteAt(uint64_t offset, std::span<const uint8_t> bytes);
 
-  // Closes and renames. After that the object is empty. A name that is given as `by_way_of`, in the same directory, is
-  // replaced first, itself if it is a link, and is gone at the end; not for a file that is written in place.
-  absl::Status Commit(const std::string& by_way_of = {});
+  // Closes and renames. After that the object is empty.
+  absl::Status Commit();
 
  private:
   AtomicFile() = default;

@@ -267,18 +267,20 @@ class Run {
       const JobContext reading;
       absl::StatusOr<Prepared> prepared = Prepare(item, reading);
       if (!prepared.ok()) return prepared.status();
-      if (IsDone(item, *prepared, report)) return absl::OkStatus();
+      if (IsDone(item, *prepared, report)) {
+        Claim::RemoveDead(plan_.output_dir, item, *presence_);
+        return absl::OkStatus();
+      }
       const absl::StatusOr<std::optional<Claim>> claim = Claim::Take(plan_.output_dir, item, *presence_);
       if (!claim.ok()) return claim.status();
       if (!claim->has_value()) return absl::OkStatus();
-      const Claim& ours = **claim;
       if (IsDone(item, *prepared, report)) return absl::OkStatus();  // until the claim it was another run's
       if (absl::Status s = RemoveRecord(plan_.output_dir, item); !s.ok()) return s;
       if (plan_.servers.empty()) {
         if (engines[0] == nullptr) engines[0] = hooks_.make_engine("");
-        return Attempt(item, *std::move(prepared), ours, worker, *engines[0], report).status;
+        return Attempt(item, *std::move(prepared), worker, *engines[0], report).status;
       }
-      return DoOnServers(item, std::move(prepared), ours, worker, engines, report);
+      return DoOnServers(item, std::move(prepared), worker, engines, report);
     } catch (const std::bad_alloc&) {
       return absl::ResourceExhaustedError("out of memory");
     } catch (const std::exception& error) {
@@ -287,7 +289,7 @@ class Run {
   }
 
   // Repeats attempts until one is final. Each retry reads the mesh again: it is not kept while it is sent.
-  absl::Status DoOnServers(const BatchItem& item, absl::StatusOr<Prepared> prepared, const Claim& claim, size_t worker,
+  absl::Status DoOnServers(const BatchItem& item, absl::StatusOr<Prepared> prepared, size_t worker,
                            std::vector<std::unique_ptr<Engine>>& engines, ItemReport& report) {
     std::optional<Clock::time_point> busy_since;
     for (int failures = 0;;) {
@@ -299,7 +301,7 @@ class Run {
       if (engines[server] == nullptr) engines[server] = hooks_.make_engine(plan_.servers[server]);
       if (!prepared.ok()) prepared = Prepare(item, JobContext());
       if (!prepared.ok()) return prepared.status();
-      const Attempted attempted = Attempt(item, *std::move(prepared), claim, worker, *engines[server], report);
+      const Attempted attempted = Attempt(item, *std::move(prepared), worker, *engines[server], report);
       prepared = absl::UnavailableError("used up");
 
       const absl::Status& status = attempted.status;
@@ -372,8 +374,7 @@ class Run {
     bool by_engine = false;  // the status is from the engine, a server, or the files written during the run
   };
 
-  Attempted Attempt(const BatchItem& item, Prepared prepared, const Claim& claim, size_t worker, Engine& engine,
-                    ItemReport& report) {
+  Attempted Attempt(const BatchItem& item, Prepared prepared, size_t worker, Engine& engine, ItemReport& report) {
     ++report.attempts;
     JobContext job;
     if (plan_.deadline) job.set_deadline(Clock::now() + *plan_.deadline);
@@ -394,7 +395,7 @@ class Run {
       record.files.push_back({fs::path(path).lexically_relative(plan_.output_dir).string(), 0});
     }
     record.warnings = run->warnings;
-    if (absl::Status s = WriteRecord(plan_.output_dir, item, record, claim.path()); !s.ok()) return {s, false};
+    if (absl::Status s = WriteRecord(plan_.output_dir, item, record); !s.ok()) return {s, false};
     report.status = ItemStatus::kDone;
     if (run->served) report.worker = run->served->worker;
     Tell(record, report);

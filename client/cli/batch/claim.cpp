@@ -64,17 +64,18 @@ absl::StatusOr<std::optional<Claim>> Claim::Take(const std::string& output_dir, 
     if (error != EEXIST) return OutputError(error, absl::StrCat("cannot create '", path, "'"));
     const std::string owner = TextOfLink(path);
     if (owner.empty() && errno == ENOENT) continue;  // just released
-    if (owner.empty() && errno != EINVAL) return OutputError(errno, absl::StrCat("cannot read '", path, "'"));
-    if (owner.empty()) {
-      // The record of a run that just gives it its name, or was killed before it could.
-      if (std::rename(path.c_str(), RecordPath(output_dir, item).c_str()) == 0 || errno == ENOENT) continue;
-      return OutputError(errno, absl::StrCat("cannot move '", path, "', which is in the place of a claim"));
-    }
+    if (owner.empty()) return OutputError(errno, absl::StrCat("'", path, "' is in the place of a claim; remove it"));
     if (owner == run.id()) return Claim(path, run.id());
     if (run.IsAlive(owner)) return std::nullopt;
     RemoveDeadClaim(path, owner);
     RemoveLeftovers(output_dir, item);
   }
+}
+
+void Claim::RemoveDead(const std::string& output_dir, const BatchItem& item, const RunPresence& run) {
+  const std::string path = ClaimPath(output_dir, item);
+  const std::string owner = TextOfLink(path);
+  if (!owner.empty() && owner != run.id() && !run.IsAlive(owner)) RemoveDeadClaim(path, owner);
 }
 
 Claim::Claim(std::string path, std::string id) : path_(std::move(path)), id_(std::move(id)) {}

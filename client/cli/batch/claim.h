@@ -14,11 +14,10 @@ namespace voxelpipe::cli {
 // The path of an item's claim, in the directory of its record.
 std::string ClaimPath(const std::string& output_dir, const BatchItem& item);
 
-// An item that belongs to this run until the object is destroyed. It is a symbolic link whose text is the run's id:
-// links are made at once or not at all, on network file systems too, and nothing follows this one. The item's record
-// takes its place and is then renamed (WriteRecord), so that no run that is killed leaves both. Where the file system
-// has no links, every claim succeeds. Two runs may have one item where one of them was taken for dead; they then write
-// the same bytes.
+// An item that belongs to this run until the object is destroyed, which is after its record was written. It is a
+// symbolic link whose text is the run's id: links are made at once or not at all, on network file systems too, and
+// nothing follows this one. Where the file system has no links, every claim succeeds. Two runs may have one item where
+// one of them was taken for dead; they then write the same bytes.
 class Claim {
  public:
   // Empty if another run that is alive has the item. A claim of a dead run is taken over, and the temporary files that
@@ -30,8 +29,8 @@ class Claim {
   Claim& operator=(Claim&&) = delete;
   ~Claim();
 
-  // Empty where the file system has no links.
-  const std::string& path() const { return path_; }
+  // Removes the claim of a dead run on an item that is done: the run was killed after it had written the record.
+  static void RemoveDead(const std::string& output_dir, const BatchItem& item, const RunPresence& run);
 
  private:
   Claim(std::string path, std::string id);

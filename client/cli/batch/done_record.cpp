@@ -101,8 +101,7 @@ absl::Status RemoveRecord(const std::string& output_dir, const BatchItem& item) 
   return error ? absl::ErrnoToStatus(error.value(), absl::StrCat("cannot remove '", path, "'")) : absl::OkStatus();
 }
 
-absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, DoneRecord record,
-                         const std::string& claim) {
+absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, DoneRecord record) {
   ordered_json files = ordered_json::array();
   for (DoneRecord::File& file : record.files) {
     std::error_code error;
@@ -120,9 +119,7 @@ absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, D
   absl::StatusOr<AtomicFile> file = AtomicFile::Create(path);
   if (!file.ok()) return file.status();
   if (absl::Status s = file->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !s.ok()) return s;
-  const absl::Status committed = file->Commit(claim);
-  // Another run that looked for the claim may have given the record its name.
-  return committed.ok() || !FindRecord(output_dir, item, record.key).ok() ? committed : absl::OkStatus();
+  return file->Commit();
 }
 
 }  // namespace voxelpipe::cli

@@ -40,9 +40,7 @@ absl::StatusOr<DoneRecord> FindRecord(const std::string& output_dir, const Batch
 // Removes the record. Called before an item's files change, so that a record never describes other files.
 absl::Status RemoveRecord(const std::string& output_dir, const BatchItem& item);
 
-// Reads the sizes of `record.files` and writes the record, under a temporary name first. It replaces the claim of that
-// path, unless that is empty.
-absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, DoneRecord record,
-                         const std::string& claim = {});
+// Reads the sizes of `record.files` and writes the record, under a temporary name first.
+absl::Status WriteRecord(const std::string& output_dir, const BatchItem& item, DoneRecord record);
 
 }  // namespace voxelpipe::cli

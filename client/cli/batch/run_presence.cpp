@@ -108,6 +108,7 @@ RunPresence::RunPresence(RunPresence&& other) noexcept
 
 RunPresence::~RunPresence() {
   if (id_.empty()) return;
+  RemoveDeadRuns();  // some were not known to be dead at the beginning
   unlink(PathOf(id_).c_str());
   rmdir(directory_.c_str());  // fails while other runs are in it
 }

@@ -16,8 +16,8 @@ class RunPresence {
   // A run on another host whose file is older than this, by the clock of the file system, counts as dead.
   static constexpr std::chrono::seconds kLease{60}, kBeatInterval{10};
 
-  // Creates the directory and the file, and removes files of runs that are dead. PERMISSION_DENIED if a link leads out
-  // of the output directory; otherwise the system's error with the path.
+  // Creates the directory and the file. Files of runs that are dead are removed, now and at the end. PERMISSION_DENIED
+  // if a link leads out of the output directory; otherwise the system's error with the path.
   static absl::StatusOr<RunPresence> Begin(const std::string& output_dir);
   RunPresence(RunPresence&& other) noexcept;
   RunPresence& operator=(RunPresence&&) = delete;

@@ -156,24 +156,24 @@ TEST_F(ClaimTest, LeftoversOfADeadRunsItemGoAndNoOthers) {
                                             ".voxelpipe/.voxelpipe/" + run.id()));
 }
 
-// A run that is killed between the two names of a record.
-TEST_F(ClaimTest, ARecordInThePlaceOfItsClaimIsNamed) {
+TEST_F(ClaimTest, TheClaimOfADeadRunOnADoneItemGoes) {
   const BatchItem item = Item("a");
-  const RunPresence run = Begin();
-  std::ofstream(ClaimPath(out_, item)) << "the record";
-  ASSERT_TRUE(Take(item, run).has_value());
-  EXPECT_TRUE(fs::is_regular_file(RecordPath(out_, item)));
+  const RunPresence run = Begin(), other = Begin();
+  ClaimBy(other.id(), item);
+  Claim::RemoveDead(out_, item, run);
+  EXPECT_TRUE(fs::is_symlink(ClaimPath(out_, item))) << "of a run that is alive";
+  fs::remove(ClaimPath(out_, item));
+  ClaimBy("0123456789abcdef0123456789abcdef", item);
+  Claim::RemoveDead(out_, item, run);
+  EXPECT_FALSE(fs::is_symlink(ClaimPath(out_, item)));
 }
 
-TEST_F(ClaimTest, ARecordReplacesTheClaim) {
+TEST_F(ClaimTest, SomethingElseInThePlaceOfAClaimIsNamed) {
   const BatchItem item = Item("a");
   const RunPresence run = Begin();
-  {
-    const std::optional<Claim> claim = Take(item, run);
-    ASSERT_TRUE(WriteRecord(out_, item, {"key", "hash", 1, {}}, claim->path()).ok());
-    EXPECT_FALSE(fs::is_symlink(ClaimPath(out_, item)));
-  }
-  EXPECT_THAT(Names(), UnorderedElementsAre(".voxelpipe/a.npy.json", ".voxelpipe/.voxelpipe/" + run.id()));
+  fs::create_directories(ClaimPath(out_, item));
+  const absl::Status status = Claim::Take(out_, item, run).status();
+  EXPECT_THAT(std::string(status.message()), HasSubstr("a.npy.claim' is in the place of a claim"));
 }
 
 // Who may write to the directory could make a run create a file anywhere.
