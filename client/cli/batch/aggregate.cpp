@@ -77,7 +77,8 @@ void AddItem(const ordered_json& json, Report& report) {
   } else if (status == "done" || status == "skipped") {
     entry.outcome = Outcome::kDone;
     entry.made = status == "done";
-    entry.warned = json.contains("warnings");
+    const auto warnings = json.find("warnings");
+    entry.warned = warnings != json.end() && !warnings->empty();
     entry.bytes = json.at("bytes").get<uint64_t>();
   } else {
     return;  // left

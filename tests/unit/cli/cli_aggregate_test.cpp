@@ -85,6 +85,7 @@ TEST_F(CliAggregate, ReportsOfAllShardsAreTheWhole) {
   EXPECT_EQ(all["items"], 7);
   EXPECT_EQ(all["done"], 7);
   EXPECT_EQ(all["reports"], 3);
+  EXPECT_EQ(all["warned"], 0);
   EXPECT_EQ(all["repeated"], 0);
   EXPECT_EQ(all["bytes"], 7 * 8 * 8 * 8 / 8);
   EXPECT_TRUE(all["shards_without_report"].empty());
