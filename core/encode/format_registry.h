@@ -31,6 +31,7 @@ struct OutputFormat {
   bool standard_output = true;  // can be written front to back
   bool directory = false;       // the output is a directory
   bool colours = false;         // shows the colours of the mesh (UseDefaultsOf)
+  bool labels = false;          // holds labels of parts (UseDefaultsOf)
   bool whole = false;           // the writer collects the result in memory before it writes
   // In: a path, empty for standard output, and a job, which may be null and must outlive the writer. Out: a writer
   // whose Begin creates the file. Null for pictures, which are drawn from whole results (png_preview.h).
@@ -38,6 +39,9 @@ struct OutputFormat {
   // In: the header of a result that the format holds. Out: what of it the file does not tell, as one line for a warning
   // not_kept; empty if nothing is lost. Null: the file tells all.
   std::string (*not_kept)(const ResultHeader& header) = nullptr;
+  // True for targets that the format holds, which `kept_targets` names. Null: it holds all.
+  bool (*keeps)(const TargetSpec& spec) = nullptr;
+  std::string_view kept_targets = {};
 
   bool picture() const { return open == nullptr; }
   // True if the file is made of the whole result, of which it shows the solid voxels.
@@ -53,7 +57,7 @@ std::span<const OutputFormat> OutputFormats();
 // What a request leaves open, for a file of this format. `open_targets`: it names neither targets nor a shader;
 // `open_result`: no kind of result. A format that collects the result gets a sparse one, in which a voxel is solid
 // whatever its value. One that shows colours gets base_color in sRGB, white where the mesh has none and inside a fill;
-// but bits where nothing is covered.
+// but bits where nothing is covered. One of labels gets those of the parts in u16, 1 inside a fill of the whole mesh.
 void UseDefaultsOf(const OutputFormat& format, bool open_targets, bool open_result, VoxelizeRequest& request);
 
 // Warns of what a file of this format does not hold of a result (OutputFormat::not_kept).
@@ -78,5 +82,7 @@ std::string FormatChoices();
 // INVALID_ARGUMENT naming formats that can, if files of this extension cannot hold a result of this kind, or so many
 // targets.
 absl::Status CheckHolds(std::string_view extension, ResultKind kind, size_t targets);
+// The same, also if the format does not hold one of these targets.
+absl::Status CheckHolds(std::string_view extension, ResultKind kind, std::span<const TargetSpec> targets);
 
 }  // namespace voxelpipe

@@ -5,6 +5,7 @@
 
 #include "encode/npy.h"
 #include "encode/output_path.h"
+#include "encode/part_json.h"
 
 namespace voxelpipe {
 namespace {
@@ -27,7 +28,8 @@ std::string RawDescriptionPath(const std::string& path) {
   return FitFileName(path, kSuffix.size()) + std::string(kSuffix);
 }
 
-std::string DescribeRaw(const ResultHeader& header, const std::vector<std::string>& files, std::string_view sha256) {
+std::string DescribeRaw(const ResultHeader& header, const std::vector<std::string>& files, std::string_view sha256,
+                        const PartTable& parts) {
   const GridSpec& grid = header.grid;
   ordered_json json;
   json["dims"] = grid.dims;
@@ -51,7 +53,8 @@ std::string DescribeRaw(const ResultHeader& header, const std::vector<std::strin
                                {"bytes", array.bytes()}});
   }
   json["hash"] = sha256.empty() ? ordered_json(nullptr) : ordered_json(std::string(sha256));
-  return json.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n";
+  if (!parts.empty()) json["parts"] = PartsJson(parts);
+  return JsonTextOf(json, 1) + "\n";
 }
 
 }  // namespace voxelpipe

@@ -5,6 +5,12 @@
 
 namespace voxelpipe {
 
+uint64_t PartReceiver::MemoryBytes(const ResultHeader& header) {
+  uint64_t bytes = 0;
+  for (size_t i = header.first_part_array(); i < header.arrays.size(); ++i) bytes += header.arrays[i].bytes();
+  return bytes;
+}
+
 bool PartReceiver::Take(size_t array, std::span<const uint8_t> bytes) {
   if (array < first_ || table_.empty()) return false;
   if (array != std::exchange(array_, array)) offset_ = 0;

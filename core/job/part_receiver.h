@@ -14,6 +14,8 @@ namespace voxelpipe {
 // For sinks: Begin with the header, then every piece to Take.
 class PartReceiver {
  public:
+  // Of the table of a result, which Begin allocates.
+  static uint64_t MemoryBytes(const ResultHeader& header);
   void Begin(const ResultHeader& header) {
     first_ = header.first_part_array();
     table_ = MakePartTable(header.parts());

@@ -124,7 +124,7 @@ MakeExport ExportTo(std::shared_ptr<ExportedFile> file) {
         }
         VoxelizeRequest& request = config.request;
         UseDefaultsOf(file->format, config.default_targets, config.default_result, request);
-        if (absl::Status s = CheckHolds(file->format.extension, request.result, request.targets.size()); !s.ok())
+        if (absl::Status s = CheckHolds(file->format.extension, request.result, request.targets); !s.ok())
           return s;
         return std::make_unique<FileExport>(file, request, config.settings.content_hash, job);
       };

@@ -419,17 +419,15 @@ READERS = {"vti (VTK)": vti, "nrrd (teem)": nrrd, "nii.gz (nibabel)": nifti, "za
            "binvox (a second reader of our own)": binvox}
 
 
-def main():
-    WORK.mkdir(parents=True, exist_ok=True)
-    known = subprocess.run([str(VOXELPIPE), "voxelize", "--help"], capture_output=True, text=True).stdout
+def make_cases():
     rng = np.random.default_rng(7)
     long = np.unique(rng.integers((0, 0, 0), (300, 17, 5), (200, 3)), axis=0)
-    cases = [Case("L", (4, 5, 6), L), Case("long", (300, 17, 5), long), Case("empty", (4, 5, 6), [])]
+    return [Case("L", (4, 5, 6), L), Case("long", (300, 17, 5), long), Case("empty", (4, 5, 6), [])]
+
+
+def run(jobs, known):
+    """Runs jobs (title, function, argument), those of formats that `known` names. Out: the exit status."""
     ran, failed = 0, 0
-    jobs = [(f"{name}: {case.name}", read, case) for name, read in READERS.items() for case in cases]
-    if os.environ.get("VOXELPIPE_THOROUGH_TESTS") == "1":
-        large = ("vti", "nrrd", "nii.gz", "zarr", "ply", "nvdb", "vdb")
-        jobs += [(f"{name} beyond 4 GiB", beyond_4_gib, name) for name in large]
     for title, read, argument in jobs:
         name = title.split()[0]  # of the format
         if name in ("nvdb", "vdb") and not re.search(rf"\b{name}\b", known):
@@ -448,6 +446,19 @@ def main():
         print(f"ok       {title}")
     print(f"{ran} read as they were written, {failed} not")
     return 1 if failed else 0 if ran else 77
+
+
+def known_formats():
+    return subprocess.run([str(VOXELPIPE), "voxelize", "--help"], capture_output=True, text=True).stdout
+
+
+def main():
+    WORK.mkdir(parents=True, exist_ok=True)
+    jobs = [(f"{name}: {case.name}", read, case) for name, read in READERS.items() for case in make_cases()]
+    if os.environ.get("VOXELPIPE_THOROUGH_TESTS") == "1":
+        large = ("vti", "nrrd", "nii.gz", "zarr", "ply", "nvdb", "vdb")
+        jobs += [(f"{name} beyond 4 GiB", beyond_4_gib, name) for name in large]
+    return run(jobs, known_formats())
 
 
 if __name__ == "__main__":

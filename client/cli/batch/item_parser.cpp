@@ -174,7 +174,7 @@ absl::Status CheckFormat(const std::string& extension, const VoxelizeRequest& re
     return Wrong(extension.empty() ? "no format" : absl::StrCat("'", extension, "' is no known format"),
                  why.empty() ? "" : ": ", why, "; known are ", ListFormats(false));
   }
-  return CheckHolds(extension, request.result, request.targets.size());
+  return CheckHolds(extension, request.result, request.targets);
 }
 
 // The canonical text of a request: its options in a fixed order. Equal texts are equal requests; equal requests may
@@ -198,7 +198,7 @@ std::string Canonical(const RequestOptions& options) {
   if (options.strict) canonical["strict"] = true;
   const OutputFormat* const format = FindFormat(options.output_extension);
   const bool open = !options.result || (options.targets.empty() && !options.shader);
-  if (open && format != nullptr && format->of_whole_results()) canonical["format"] = format->name;
+  if (open && format != nullptr && (format->of_whole_results() || format->labels)) canonical["format"] = format->name;
   if (options.clip) canonical["clip"] = *options.clip;
   if (options.parts != "whole") {
     canonical["parts"] = {options.parts, options.part_labels, options.part_priorities, options.exclude};

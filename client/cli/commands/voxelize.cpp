@@ -128,7 +128,7 @@ absl::StatusOr<Together> ReadMeshes(const VoxelizeArguments& arguments) {
 
 absl::StatusOr<Runs> PlanRuns(const VoxelizeArguments& arguments, const VoxelizeRequest& request) {
   const auto plan = [&](const InputList& inputs) {
-    return PlanOutputs(inputs, arguments.names, request.result, request.targets.size());
+    return PlanOutputs(inputs, arguments.names, request);
   };
   Runs runs;
   if (arguments.together.empty()) {

@@ -13,6 +13,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "base/text.h"
+#include "encode/part_json.h"
 
 namespace voxelpipe::cli {
 namespace {
@@ -86,7 +87,7 @@ std::string TableRow(std::string_view name, std::string_view text, int width) {
 }
 
 std::string JsonText(const nlohmann::ordered_json& json, int indent) {
-  return EscapeControls(json.dump(indent, ' ', false, nlohmann::ordered_json::error_handler_t::replace));
+  return JsonTextOf(json, indent);
 }
 
 MedianTimes Medians(const std::vector<VoxelizeStats>& runs) {
@@ -112,22 +113,6 @@ MedianTimes Medians(const std::vector<VoxelizeStats>& runs) {
 }
 
 namespace {
-
-// An array a column, with an element a part.
-nlohmann::ordered_json PartsJson(const PartTable& parts) {
-  nlohmann::ordered_json json;
-  json["label"] = parts.label;
-  json["priority"] = parts.priority;
-  json["triangles"] = parts.triangles;
-  if (!parts.voxels.empty()) {
-    json["open_edges"] = parts.open_edges;
-    json["odd_columns"] = parts.odd_columns;
-    json["voxels"] = parts.voxels;
-  }
-  json["name"] = nlohmann::ordered_json::array();
-  for (size_t i = 0; i < parts.size(); ++i) json["name"].push_back(std::string(parts.Name(i)));
-  return json;
-}
 
 // "wing, label 3, 1,204 triangles, 5,402 voxels" of the part of a number.
 std::string PartText(const PartTable& parts, size_t i) {

@@ -113,15 +113,15 @@ absl::Status CheckDistinct(const InputList& inputs, const std::vector<OutputPlan
 
 }  // namespace
 
-absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, const OutputNames& names, ResultKind kind,
-                                                    size_t targets) {
+absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, const OutputNames& names,
+                                                    const VoxelizeRequest& request) {
   std::vector<OutputPlan> plans(inputs.files.size());
   if (!names.format.empty() && names.output.empty()) {
     return Wrong("--format: is that of --output, which is not given");
   }
-  const std::string usual = UsualExtension(names, kind);
+  const std::string usual = UsualExtension(names, request.result);
   if (IsStandardStream(names.output)) {
-    if (absl::Status s = CheckStandardOutputPlan(names, inputs, targets); !s.ok()) return s;
+    if (absl::Status s = CheckStandardOutputPlan(names, inputs, request.targets.size()); !s.ok()) return s;
     plans[0].standard_output = usual;
   } else {
     absl::Status s = PlanPlace({"--output", names.output, usual, &OutputPlan::result}, inputs, plans);
@@ -132,7 +132,7 @@ absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, con
   for (const OutputPlan& plan : plans) {
     if (plan.result.empty() && plan.standard_output.empty()) continue;
     const std::string extension = plan.result.empty() ? plan.standard_output : FileExtension(plan.result);
-    if (const absl::Status holds = CheckHolds(extension, kind, targets); !holds.ok()) {
+    if (const absl::Status holds = CheckHolds(extension, request.result, request.targets); !holds.ok()) {
       return Wrong("--output: ", std::string(holds.message()));
     }
     if (!names.format.empty() && extension != usual) {

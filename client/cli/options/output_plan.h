@@ -28,11 +28,11 @@ struct OutputNames {
 // One plan for each input, in order. With several inputs or an open-ended list, or if it is an existing directory or
 // ends in '/', `output` and `preview` are directories each: files there have the input's name (and the extension of
 // `format`, by default .npy for dense results, .npz for others; .png for pictures). The output "-" is standard output.
-// `targets`: how many the request has. Errors: INVALID_ARGUMENT for an extension that cannot hold the result, for a
+// Errors: INVALID_ARGUMENT for an extension that cannot hold the result of the request, for a
 // file name where a directory is needed, for a format that is not that of the file, for standard output without a
 // format or where it cannot hold all results, for two outputs of the same name, for an output that is its input,
 // and for a view that is none or has no picture.
 absl::StatusOr<std::vector<OutputPlan>> PlanOutputs(const InputList& inputs, const OutputNames& names,
-                                                    ResultKind kind = ResultKind::kDense, size_t targets = 1);
+                                                    const VoxelizeRequest& request = {});
 
 }  // namespace voxelpipe::cli

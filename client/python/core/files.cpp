@@ -48,7 +48,7 @@ absl::StatusOr<Described> Parse(const std::string& request_bytes, const std::str
   absl::StatusOr<ResultHeader> header = FromMessage(header_message, parsed->request);
   if (!header.ok()) return header.status();
   const std::string extension = FileExtension(path);
-  const absl::Status holds = CheckHolds(extension, header->kind, header->specs.size());
+  const absl::Status holds = CheckHolds(extension, header->kind, header->specs);
   if (!holds.ok()) {
     const std::string why(holds.message());
     return WithField(absl::InvalidArgumentError(absl::StrCat("'", path, "': ", why)), "path");

@@ -29,6 +29,7 @@ pytestmark = pytest.mark.skipif(not FORMATS, reason="voxelpipe_core is not insta
 
 COLOR = "u8x4:replace:shader=base_color,encoding=srgb"
 ONE = {"dense": [COLOR], "sparse": ["f32x3:average:shader=normal"], "buckets": ["u32:replace:shader=triangle_id"]}
+ONE_NUMBER = {".seg.nrrd": ["u16:max:shader=triangle_id"]}  # hold no vectors
 SEVERAL = ["bit:or:shader=occupancy", COLOR, "f16x3:replace:shader=normal", "u32:replace:shader=triangle_id"]
 
 
@@ -38,7 +39,8 @@ def cases() -> Iterator[Any]:
         if one["extension"] in save._OWN:
             continue
         for kind in one["kinds"]:
-            for targets in [ONE[kind], SEVERAL] if one["targets"] != "one" else [ONE[kind], SEVERAL[:1]]:
+            single = ONE_NUMBER.get(one["extension"], ONE[kind])
+            for targets in [single, SEVERAL] if one["targets"] != "one" else [single, SEVERAL[:1]]:
                 for layout in ("interleaved", "planar"):
                     name = f"{one['name']}-{kind}-{len(targets)}-{layout}-{targets[0].partition(':')[0]}"
                     yield pytest.param(one["extension"], kind, targets, layout, id=name)

@@ -49,6 +49,18 @@ std::string NotInBinvox(const ResultHeader& header) {
   return lost;
 }
 
+// 3D Slicer ignores the voxels of a grid of one.
+std::string NotInSegNrrd(const ResultHeader& header) {
+  return header.grid.voxels() > 1 ? "" : "3D Slicer takes a grid of one voxel as a segmentation without an image";
+}
+
+bool IsLabelmap(const TargetSpec& spec) {
+  const VoxelFormat format = spec.format;
+  const bool whole = format == VoxelFormat::kBit || format == VoxelFormat::kU8 || format == VoxelFormat::kU16 ||
+                     format == VoxelFormat::kU32;
+  return whole && spec.components == 1 && spec.encoding == Encoding::kLinear;
+}
+
 // Formats that this build could have, and how.
 constexpr std::array<std::pair<std::string_view, std::string_view>, 3> kOptional = {
     {{".vdb", "this build was made without OpenVDB (-DVOXELPIPE_OPENVDB=ON); nanovdb_convert makes one of a .nvdb"},
@@ -91,6 +103,15 @@ const std::vector<OutputFormat>& List() {
     list.push_back({.name = "vti", .extension = ".vti", .title = "VTK image data", .open = &MakeVtiFile});
     list.push_back(
         {.name = "nrrd", .extension = ".nrrd", .title = "NRRD", .targets = TargetPlaces::kOne, .open = &MakeNrrdFile});
+    list.push_back({.name = "seg.nrrd",
+                    .extension = ".seg.nrrd",
+                    .title = "segmentation of 3D Slicer",
+                    .targets = TargetPlaces::kOne,
+                    .labels = true,
+                    .open = &MakeSegNrrdFile,
+                    .not_kept = &NotInSegNrrd,
+                    .keeps = &IsLabelmap,
+                    .kept_targets = "bits, or u8, u16 or u32 of one component"});
     list.push_back({.name = "nii.gz",
                     .extension = ".nii.gz",
                     .title = "NIfTI",
@@ -155,7 +176,18 @@ std::span<const OutputFormat> OutputFormats() {
 
 void UseDefaultsOf(const OutputFormat& format, bool open_targets, bool open_result, VoxelizeRequest& request) {
   if (open_result && format.of_whole_results()) request.result = ResultKind::kSparse;
-  if (!open_targets || !format.colours || request.coverage == Coverage::kNone) return;
+  if (!open_targets) return;
+  if (format.labels) {
+    request.targets.assign(1, TargetSpec{});
+    TargetSpec& target = request.targets.front();
+    target.format = VoxelFormat::kU16;
+    target.blend = Blend::kReplace;
+    target.shader = {"label", {}};
+    // Parts fill with their own labels.
+    if (request.parts.scope == PartScope::kWhole && request.fill != Fill::kNone) target.fill_values = {1};
+    return;
+  }
+  if (!format.colours || request.coverage == Coverage::kNone) return;
   request.targets.assign(1, TargetSpec{});
   TargetSpec& target = request.targets.front();
   target.format = VoxelFormat::kU8;
@@ -233,6 +265,23 @@ absl::Status CheckHolds(std::string_view extension, ResultKind kind, size_t targ
   if (targets == 1 || format->targets != TargetPlaces::kOne) return absl::OkStatus();
   return absl::InvalidArgumentError(
       absl::StrCat(shown, " holds one target; ", targets, " targets go into ", Joined(others)));
+}
+
+absl::Status CheckHolds(std::string_view extension, ResultKind kind, std::span<const TargetSpec> targets) {
+  if (absl::Status s = CheckHolds(extension, kind, targets.size()); !s.ok()) return s;
+  const OutputFormat& format = *FindFormat(extension);
+  if (format.keeps == nullptr) return absl::OkStatus();
+  const auto lost = std::find_if_not(targets.begin(), targets.end(), format.keeps);
+  if (lost == targets.end()) return absl::OkStatus();
+  std::vector<std::string_view> others;
+  for (const OutputFormat& other : List()) {
+    if (!other.picture() && other.Holds(kind) && other.keeps == nullptr) others.push_back(other.extension);
+  }
+  return absl::InvalidArgumentError(
+      absl::StrCat(std::string(extension), " holds ", std::string(format.kept_targets), "; a target of ",
+                   std::string(Name(lost->format)), lost->components > 1 ? absl::StrCat("x", lost->components) : "",
+                   lost->encoding == Encoding::kLinear ? "" : absl::StrCat(" in ", std::string(Name(lost->encoding))),
+                   " goes into ", Joined(others)));
 }
 
 }  // namespace voxelpipe

@@ -8,6 +8,7 @@
 #include "encode/format_registry.h"
 #include "encode/formats/writers.h"
 #include "encode/npy.h"
+#include "encode/part_json.h"
 #include "encode/raw_description.h"
 #include "job/job_work.h"
 #include "job/part_receiver.h"
@@ -25,7 +26,11 @@ class TargetFiles final : public ResultFile {
     arrays.resize(header.specs.size());
     if (absl::Status s = CheckHolds(npy_ ? ".npy" : ".raw", header.kind, header.specs.size()); !s.ok()) return s;
     header_ = header;
-    parts_.Begin(header);
+    if (!npy_ && !path_.empty()) {  // of the description
+      const uint64_t bytes = PartReceiver::MemoryBytes(header) + PartsJsonBytes(header.parts());
+      if (absl::Status s = memory_.Grow(bytes, "the parts of a file:"); !s.ok()) return s;
+      parts_.Begin(header);
+    }
     if (path_.empty() && arrays.size() != 1) {
       return absl::InvalidArgumentError(
           absl::StrCat("standard output: ", arrays.size(), " targets go into an .npz, not into one .npy or .raw"));
@@ -53,14 +58,14 @@ class TargetFiles final : public ResultFile {
   }
 
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
-    if (parts_.Take(array, bytes)) return absl::OkStatus();
+    if (parts_.Take(array, bytes) || array >= files_.size()) return absl::OkStatus();
     const auto put = [&](std::span<const uint8_t> piece) { return files_[array].Write(piece, job_); };
     return npy_ ? elements_[array].Write(bytes, put) : put(bytes);
   }
 
   absl::Status Commit() override {
     if (description_) {  // before the first file has its name: the job may end here
-      const std::string text = DescribeRaw(header_, paths_, sha256());
+      const std::string text = DescribeRaw(header_, paths_, sha256(), parts_.table());
       absl::Status s = description_->Write({reinterpret_cast<const uint8_t*>(text.data()), text.size()}, job_);
       if (!s.ok()) return s;
     }

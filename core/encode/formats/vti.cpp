@@ -10,6 +10,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "base/text.h"
 #include "encode/atomic_file.h"
 #include "encode/format_registry.h"
 #include "encode/formats/bytes.h"
@@ -30,6 +31,8 @@ std::string_view VtkName(ElementType type) {
     case ElementType::kU16: return "UInt16";
     case ElementType::kU32: return "UInt32";
     case ElementType::kF32: return "Float32";
+    case ElementType::kI32: return "Int32";
+    case ElementType::kU64: return "Int64";  // counts below 2^63, as .npz has them
     default: return "UInt8";
   }
 }
@@ -41,7 +44,6 @@ class VtiFile final : public ResultFile {
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(".vti", header.kind, header.specs.size()); !s.ok()) return s;
     header_ = header;
-    parts_.Begin(header);
     const uint64_t voxels = header.grid.voxels();
     for (size_t i = 0; i < header.specs.size(); ++i) {
       const ElementType type = header.arrays[i].type;
@@ -56,12 +58,16 @@ class VtiFile final : public ResultFile {
         outputs_.push_back({std::move(name), VtkName(type), components / planes, bytes});
       }
     }
+    cells_ = outputs_.size();
+    AddFields();
     absl::StatusOr<AtomicFile> file = path_.empty() ? AtomicFile::StandardOutput() : AtomicFile::Create(path_, job_);
     if (!file.ok()) return file.status();
     file_.emplace(*std::move(file));
     // The table of a compressed array stands before its blocks, whose sizes are known only after them.
     compresses_ = file_->can_write_at();
-    if (absl::Status s = memory_.Grow(BufferBytes(), "compression:"); !s.ok()) return s;
+    const uint64_t parts = 2 * PartReceiver::MemoryBytes(header) + NamesBytes();
+    if (absl::Status s = memory_.Grow(BufferBytes() + parts, "compression:"); !s.ok()) return s;
+    parts_.Begin(header);
     if (!compresses_) {
       uint64_t offset = 0;
       for (Output& output : outputs_) {
@@ -76,7 +82,7 @@ class VtiFile final : public ResultFile {
   }
 
   absl::Status Write(size_t array, std::span<const uint8_t> bytes) override {
-    if (parts_.Take(array, bytes)) return absl::OkStatus();
+    if (parts_.Take(array, bytes) || array >= elements_.size()) return absl::OkStatus();
     return elements_[array].Write(bytes, [this](std::span<const uint8_t> plain) {
       while (!plain.empty()) {
         const std::span<const uint8_t> piece =
@@ -87,7 +93,7 @@ class VtiFile final : public ResultFile {
         if (received_ < outputs_[open_].bytes) continue;
         if (absl::Status s = EndOutput(); !s.ok()) return s;
         ++open_;
-        if (open_ == outputs_.size()) break;
+        if (open_ == cells_) break;
         if (absl::Status s = BeginOutput(); !s.ok()) return s;
       }
       return absl::OkStatus();
@@ -95,7 +101,8 @@ class VtiFile final : public ResultFile {
   }
 
   absl::Status Commit() override {
-    if (open_ < outputs_.size()) return absl::InternalError(absl::StrCat("'", path_, "': the result is not complete"));
+    if (open_ < cells_) return absl::InternalError(absl::StrCat("'", path_, "': the result is not complete"));
+    if (absl::Status s = WriteFields(); !s.ok()) return s;
     if (absl::Status s = Append(BytesOf("\n  </AppendedData>\n</VTKFile>\n")); !s.ok()) return s;
     if (compresses_) {
       if (absl::Status s = file_->WriteAt(0, BytesOf(Head())); !s.ok()) return s;
@@ -104,6 +111,38 @@ class VtiFile final : public ResultFile {
   }
 
  private:
+  // An array of field data for each column of the table of parts. All sizes are known but that of the names, which come
+  // last.
+  void AddFields() {
+    const PartShape shape = header_.parts();
+    for (size_t i = header_.first_part_array(); i + 2 < header_.arrays.size(); ++i) {
+      const ArraySpec& array = header_.arrays[i];
+      outputs_.push_back({array.name, VtkName(array.type), shape.parts, array.bytes()});
+    }
+    if (shape.parts > 0) outputs_.push_back({"part_name", "String", shape.parts, NamesBytes()});
+  }
+
+  // The most that the names take in the file, where each ends with a zero.
+  uint64_t NamesBytes() const { return header_.parts().name_bytes + header_.parts().parts; }
+
+  absl::Status WriteFields() {
+    PartTable table = parts_.table();
+    const std::vector<std::span<uint8_t>> arrays = ArraysOf(table);
+    for (; open_ < outputs_.size(); ++open_) {
+      const bool last = open_ + 1 == outputs_.size();
+      std::string names;
+      if (last) names.reserve(NamesBytes());
+      for (size_t i = 0; last && i < table.size(); ++i) names.append(CleanText(table.Name(i))).push_back('\0');
+      const std::span<const uint8_t> bytes = last ? BytesOf(names) : arrays[open_ - cells_];
+      outputs_[open_].bytes = bytes.size();
+      absl::Status s = BeginOutput();
+      if (s.ok()) s = Take(bytes);
+      if (s.ok()) s = EndOutput();
+      if (!s.ok()) return s;
+    }
+    return absl::OkStatus();
+  }
+
   uint64_t BufferBytes() const {
     uint64_t most = 0, bytes = 0;
     for (const Output& output : outputs_) most = std::max(most, output.bytes);
@@ -121,8 +160,9 @@ class VtiFile final : public ResultFile {
   struct Output {
     std::string name;
     std::string_view type;
-    uint64_t components, bytes;  // without compression
-    uint64_t offset = 0;         // of its table or size, from the first byte of the data
+    uint64_t components;  // of a field: its elements
+    uint64_t bytes;       // without compression
+    uint64_t offset = 0;  // of its table or size, from the first byte of the data
   };
 
   // The document before the data. Its length does not depend on the offsets.
@@ -133,13 +173,22 @@ class VtiFile final : public ResultFile {
         "<?xml version=\"1.0\"?>\n<VTKFile type=\"ImageData\" version=\"1.0\" byte_order=\"LittleEndian\" "
         "header_type=\"UInt64\"",
         compresses_ ? " compressor=\"vtkZLibDataCompressor\"" : "", ">\n  <ImageData WholeExtent=\"", extent,
-        "\" Origin=\"", Vector(grid.origin), "\" Spacing=\"", Vector(grid.voxel_size), "\">\n    <Piece Extent=\"",
-        extent, "\">\n      <PointData/>\n      <CellData Scalars=\"", outputs_[0].name, "\">\n");
-    for (const Output& output : outputs_) {
-      absl::StrAppend(&head, "        <DataArray type=\"", std::string(output.type), "\" Name=\"", output.name,
-                      "\" NumberOfComponents=\"", output.components, "\" format=\"appended\" offset=\"",
-                      absl::StrFormat("%020d", output.offset), "\"/>\n");
+        "\" Origin=\"", Vector(grid.origin), "\" Spacing=\"", Vector(grid.voxel_size), "\">\n");
+    const auto add = [&head](const Output& output, std::string_view element, std::string_view size) {
+      absl::StrAppend(&head, "        <", std::string(element), " type=\"", std::string(output.type), "\" Name=\"",
+                      output.name, "\" ", std::string(size), "=\"", output.components,
+                      "\" format=\"appended\" offset=\"", absl::StrFormat("%020d", output.offset), "\"/>\n");
+    };
+    if (cells_ < outputs_.size()) {
+      absl::StrAppend(&head, "    <FieldData>\n");
+      for (size_t i = cells_; i < outputs_.size(); ++i) {
+        add(outputs_[i], outputs_[i].type == "String" ? "Array" : "DataArray", "NumberOfTuples");
+      }
+      absl::StrAppend(&head, "    </FieldData>\n");
     }
+    absl::StrAppend(&head, "    <Piece Extent=\"", extent, "\">\n      <PointData/>\n      <CellData Scalars=\"",
+                    outputs_[0].name, "\">\n");
+    for (size_t i = 0; i < cells_; ++i) add(outputs_[i], "DataArray", "NumberOfComponents");
     absl::StrAppend(&head, "      </CellData>\n    </Piece>\n  </ImageData>\n  <AppendedData encoding=\"raw\">\n   _");
     return head;
   }
@@ -220,6 +269,7 @@ class VtiFile final : public ResultFile {
   bool compresses_ = false;
   std::vector<PlainElements> elements_;  // one a target
   std::vector<Output> outputs_;          // in stream order
+  size_t cells_ = 0;                     // how many of them are of the targets; the others are fields
   size_t open_ = 0;                      // the one that receives
   uint64_t received_ = 0;                // its bytes so far
   uint64_t at_ = 0, data_begin_ = 0;     // in the file

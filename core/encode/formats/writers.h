@@ -10,7 +10,8 @@
 
 namespace voxelpipe {
 
-// Dense: each array's bytes as they are, one file a target, and PATH.json, which describes them all.
+// Dense: each array's bytes as they are, one file a target, and PATH.json, which describes them all and has the table
+// of parts (DescribeRaw).
 std::unique_ptr<ResultFile> MakeRawFile(const std::string& path, const JobContext* job);
 // Dense: one file a target; bits as uint8 0/1.
 std::unique_ptr<ResultFile> MakeNpyFile(const std::string& path, const JobContext* job);
@@ -20,17 +21,26 @@ std::unique_ptr<ResultFile> MakeNpyFile(const std::string& path, const JobContex
 // (p), part_name_offset int64 (p + 1), part_name uint8 (bytes, UTF-8).
 std::unique_ptr<ResultFile> MakeNpzFile(const std::string& path, const JobContext* job);
 // Dense: a cell array a target, "target0", ...; of a planar target one a component, "target0_0", ... Bits as UInt8 0/1,
-// halves as Float32. Compressed with zlib in files, not in streams. Memory: 32 MiB.
+// halves as Float32. Of parts field data: part_label UInt32, part_priority Int32, the counts of .npz Int64, and
+// part_name, strings as CleanText makes them. Compressed with zlib in files, not in streams. Memory: 32 MiB, and the
+// table of parts.
 std::unique_ptr<ResultFile> MakeVtiFile(const std::string& path, const JobContext* job);
 // Dense, one target, gzip: components are the first axis, of planar targets the last. Bits as uint8 0/1, halves as
 // float. Memory: a piece.
 std::unique_ptr<ResultFile> MakeNrrdFile(const std::string& path, const JobContext* job);
+// Dense, one target of labels (bits or u8, u16, u32 of one component, up to 2^31 - 1), gzip: a segmentation of 3D
+// Slicer, an NRRD as MakeNrrdFile places it. A segment for each label of the parts, if the target holds these
+// (HoldsLabels), and for each other label of a voxel but 0; names, colours and boxes of voxels are in the header.
+// Memory: the compressed voxels, and up to 65,535 segments.
+std::unique_ptr<ResultFile> MakeSegNrrdFile(const std::string& path, const JobContext* job);
 // Dense, one target: NIfTI-1, beyond 32,767 voxels an axis NIfTI-2; components are the fifth axis. Bits as uint8 0/1,
 // halves as float32. Memory: a piece, and of interleaved components the compressed ones after the first.
 std::unique_ptr<ResultFile> MakeNiftiFile(const std::string& path, const JobContext* job);
 // Dense: a directory, an OME-Zarr 0.4 image of each target with the axes c, z, y, x; one target is the root, several
 // are groups "target0", ... Bits as uint8 0/1. Coordinates are centres. Levels of half the resolution follow until no
-// axis exceeds 256 voxels. Memory: a row of chunks of each level, twice 16 layers.
+// axis exceeds 256 voxels. "parts" of "voxelpipe" in the attributes of the root is the table of parts (part_json.h); an
+// image of their labels has names and colours of these as OME-Zarr's image-label. Memory: a row of chunks of each
+// level, twice 16 layers, and the table.
 std::unique_ptr<ResultFile> MakeZarrDirectory(const std::string& path, const JobContext* job);
 
 // The following collect the result first (drawn/whole_file.h). All but .ply hold what a picture shows: the solid voxels

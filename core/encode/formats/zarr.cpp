@@ -15,8 +15,11 @@
 #include "encode/formats/writers.h"
 #include "encode/formats/zarr_level.h"
 #include "encode/npy.h"
+#include "encode/part_json.h"
+#include "encode/preview/legend.h"
 #include "job/job_work.h"
 #include "job/part_receiver.h"
+#include "shaders/blend_ops.h"
 
 namespace voxelpipe {
 namespace {
@@ -25,6 +28,7 @@ using nlohmann::ordered_json;
 
 // Levels are halved until no axis has more voxels. Viewers show the last one at once.
 constexpr uint64_t kMaxLastLevel = 256;
+constexpr uint64_t kJsonsOfParts = 4;  // their table, the colours and the properties of labels, and these as a text
 
 class ZarrDirectory final : public ResultFile {
  public:
@@ -33,6 +37,8 @@ class ZarrDirectory final : public ResultFile {
   absl::Status Begin(const ResultHeader& header) override {
     if (absl::Status s = CheckHolds(".zarr", header.kind, header.specs.size()); !s.ok()) return s;
     header_ = header;
+    const uint64_t bytes = PartReceiver::MemoryBytes(header) + kJsonsOfParts * PartsJsonBytes(header.parts());
+    if (absl::Status s = memory_.Grow(bytes, "the parts of a file:"); !s.ok()) return s;
     parts_.Begin(header);
     absl::StatusOr<AtomicDirectory> directory = AtomicDirectory::Create(path_, ".zgroup");
     if (!directory.ok()) return directory.status();
@@ -40,7 +46,6 @@ class ZarrDirectory final : public ResultFile {
     const bool several = header.specs.size() > 1;
     if (several) {
       if (absl::Status s = WriteJson(".zgroup", {{"zarr_format", 2}}); !s.ok()) return s;
-      if (absl::Status s = WriteJson(".zattrs", {{"voxelpipe", Place()}}); !s.ok()) return s;
     }
     for (size_t i = 0; i < header.specs.size(); ++i) {
       Image image;
@@ -53,7 +58,8 @@ class ZarrDirectory final : public ResultFile {
       }
       image.elements.emplace(image.type, count);
       AddLevels(image);
-      if (absl::Status s = WriteMetadata(image, header.arrays[i].name); !s.ok()) return s;
+      image.labels = IsInteger(header.specs[i].format) && HoldsLabels(header.specs[i], header.kind);
+      if (absl::Status s = WriteArrays(image); !s.ok()) return s;
       images_.push_back(std::move(image));
     }
     return absl::OkStatus();
@@ -70,6 +76,14 @@ class ZarrDirectory final : public ResultFile {
     for (const Image& image : images_) {
       if (!image.levels[0]->complete()) return absl::InternalError("the result is not complete");
     }
+    // Last, as the parts come last.
+    for (size_t i = 0; i < images_.size(); ++i) {
+      const absl::Status s = WriteAttributes(images_[i], header_.arrays[i].name);
+      if (!s.ok()) return s;
+    }
+    if (images_.size() > 1) {
+      if (absl::Status s = WriteJson(".zattrs", {{"voxelpipe", About()}}); !s.ok()) return s;
+    }
     return directory_->Commit();
   }
 
@@ -79,6 +93,7 @@ class ZarrDirectory final : public ResultFile {
     std::string prefix;
     ElementType type;
     uint64_t components;
+    bool labels = false;
     std::optional<NpyElements> elements;
     std::unique_ptr<ZarrLevel> first;
     std::vector<ZarrLevel*> levels;  // the first one and those below it
@@ -103,20 +118,32 @@ class ZarrDirectory final : public ResultFile {
             {"voxel_size", {grid.voxel_size.x, grid.voxel_size.y, grid.voxel_size.z}}};
   }
 
-  absl::Status WriteJson(const std::string& name, const ordered_json& json) const {
-    return directory_->WriteFile(name, BytesOf(json.dump(1) + "\n"), job_);
+  // The attributes of the root: the place, and the parts.
+  ordered_json About() const {
+    ordered_json about = Place();
+    if (!parts_.table().empty()) about["parts"] = PartsJson(parts_.table());
+    return about;
   }
 
-  absl::Status WriteMetadata(const Image& image, const std::string& name) const {
-    const bool vector = image.components > 1;
-    ordered_json axes = ordered_json::array(), names = axes, datasets = axes;
-    if (vector) axes.push_back({{"name", "c"}, {"type", "channel"}});
+  absl::Status WriteJson(const std::string& name, const ordered_json& json) const {
+    // In ASCII: zarr before version 3 reads nothing else.
+    const std::string text = json.dump(1, ' ', true, ordered_json::error_handler_t::replace);
+    return directory_->WriteFile(name, BytesOf(text + "\n"), job_);
+  }
+
+  static ordered_json AxesOf(const Image& image) {
+    ordered_json axes = ordered_json::array();
+    if (image.components > 1) axes.push_back({{"name", "c"}, {"type", "channel"}});
     for (const char* axis : {"z", "y", "x"}) axes.push_back({{"name", axis}, {"type", "space"}});
-    for (const ordered_json& axis : axes) names.push_back(axis["name"]);
-    absl::Status s;
+    return axes;
+  }
+
+  absl::Status WriteArrays(const Image& image) const {
+    ordered_json names = ordered_json::array();
+    for (const ordered_json& axis : AxesOf(image)) names.push_back(axis["name"]);
+    absl::Status s = WriteJson(image.prefix + ".zgroup", {{"zarr_format", 2}});
     for (size_t n = 0; n < image.levels.size() && s.ok(); ++n) {
       const ZarrLevel& level = *image.levels[n];
-      datasets.push_back({{"path", absl::StrCat(n)}, {"coordinateTransformations", Transforms(vector, n)}});
       const ordered_json array = {{"zarr_format", 2},
                                   {"shape", WithComponents(image, level.dims(), image.components)},
                                   {"chunks", WithComponents(image, level.chunk(), 1)},
@@ -129,12 +156,35 @@ class ZarrDirectory final : public ResultFile {
       s = WriteJson(absl::StrCat(image.prefix, n, "/.zarray"), array);
       if (s.ok()) s = WriteJson(absl::StrCat(image.prefix, n, "/.zattrs"), {{"_ARRAY_DIMENSIONS", names}});
     }
-    const ordered_json multiscale = {
-        {"version", "0.4"}, {"name", name}, {"axes", axes}, {"datasets", datasets}, {"type", "largest magnitude"}};
-    const ordered_json attributes = {{"multiscales", ordered_json::array({multiscale})}, {"voxelpipe", Place()}};
-    if (s.ok()) s = WriteJson(image.prefix + ".zgroup", {{"zarr_format", 2}});
-    if (s.ok()) s = WriteJson(image.prefix + ".zattrs", attributes);
     return s;
+  }
+
+  absl::Status WriteAttributes(const Image& image, const std::string& name) const {
+    ordered_json datasets = ordered_json::array();
+    for (size_t n = 0; n < image.levels.size(); ++n) {
+      datasets.push_back(
+          {{"path", absl::StrCat(n)}, {"coordinateTransformations", Transforms(image.components > 1, n)}});
+    }
+    const ordered_json multiscale = {{"version", "0.4"},
+                                     {"name", name},
+                                     {"axes", AxesOf(image)},
+                                     {"datasets", datasets},
+                                     {"type", "largest magnitude"}};
+    ordered_json attributes = {{"multiscales", ordered_json::array({multiscale})}};
+    if (image.labels && !parts_.table().empty()) attributes["image-label"] = ImageLabel();
+    attributes["voxelpipe"] = image.prefix.empty() ? About() : Place();
+    return WriteJson(image.prefix + ".zattrs", attributes);
+  }
+
+  // Names and colours of labels as the specification has them.
+  ordered_json ImageLabel() const {
+    ordered_json colours = ordered_json::array(), properties = colours;
+    for (const LegendEntry& entry : LegendOf(parts_.table())) {
+      const auto channel = [&](int shift) { return entry.rgb >> shift & 255; };
+      colours.push_back({{"label-value", entry.label}, {"rgba", {channel(16), channel(8), channel(0), 255}}});
+      properties.push_back({{"label-value", entry.label}, {"name", entry.name}});
+    }
+    return {{"version", "0.4"}, {"colors", colours}, {"properties", properties}};
   }
 
   static ordered_json WithComponents(const Image& image, const ZarrLevel::Dims& dims, uint64_t components) {

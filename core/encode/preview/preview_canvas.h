@@ -35,8 +35,8 @@ class Canvas {
   void Blend(int x, int y, Vec3f colour, float opacity);
   // A line of the given width in pixels, antialiased.
   void Line(double x0, double y0, double x1, double y1, double width, Vec3f colour);
-  // Text of the characters 0-9, x, y, z, '=', '/' and space, 5x7 dots of `dot` pixels a glyph; (x, y) is the top left
-  // corner.
+  // Text of printable ASCII, 5x7 dots of `dot` pixels a glyph; (x, y) is the top left corner. Nothing is drawn for
+  // other bytes.
   void Text(int x, int y, int dot, std::string_view text, Vec3f colour);
   static int TextWidth(int dot, std::string_view text) { return int(text.size()) * 6 * dot - dot; }
   static int TextHeight(int dot) { return 7 * dot; }

@@ -233,7 +233,7 @@ absl::Status ReadDescription(const nlohmann::json& about, const std::string& pat
 }
 
 absl::StatusOr<StoredResult> OpenRaw(const std::string& path, const std::string& description) {
-  constexpr uint64_t kMaxDescriptionBytes = 1 << 20;
+  constexpr uint64_t kMaxDescriptionBytes = uint64_t{64} << 20;  // of the most parts, some megabytes
   absl::StatusOr<std::shared_ptr<const InputFile>> file = InputFile::Open(description);
   if (absl::IsNotFound(file.status())) {
     return absl::NotFoundError(absl::StrCat(

@@ -86,7 +86,7 @@ TEST_F(FileTest, EqualsTheCommandLines) {
   ASSERT_NO_FATAL_FAILURE(Start());
   VoxelizeRequest request = SmallRequest();
   request.grid.resolution = 64;
-  for (const char* const format : {"npy", "npz", "vti", "nrrd", "nii.gz", "png"}) {
+  for (const char* const format : {"npy", "npz", "vti", "nrrd", "seg.nrrd", "nii.gz", "png"}) {
     const HttpReply reply = FileOf(format, request);
     ASSERT_EQ(reply.code, 200) << format << ": " << reply.body;
     EXPECT_TRUE(reply.complete);
@@ -106,7 +106,7 @@ TEST_F(FileTest, WhatTheRequestLeavesOpenFollowsTheFormatAsInTheCommandLine) {
   auto message = Message(torus_, request);
   message.mutable_spec()->clear_targets();
   message.mutable_spec()->clear_result();
-  for (const char* const format : {"npy", "png", "vox", "glb"}) {
+  for (const char* const format : {"npy", "seg.nrrd", "png", "vox", "glb"}) {
     const HttpReply reply = FileOf(format, message.SerializeAsString());
     ASSERT_EQ(reply.code, 200) << format << ": " << reply.body;
     const std::string name = std::string("open.") + format;

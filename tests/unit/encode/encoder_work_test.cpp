@@ -90,12 +90,36 @@ VoxelizeResult DenseBody() {
   return result;
 }
 
+// The same body in labels.
+VoxelizeResult DenseLabels() {
+  constexpr int64_t kSide = 112;
+  VoxelizeResult result = EmptyResult({kSide, kSide, kSide});
+  AddLabels<uint16_t>(result, [](int64_t i, int64_t j, int64_t k) {
+    const int64_t d = (i - 50) * (i - 50) + (j - 54) * (j - 54) + (k - 60) * (k - 60);
+    return d < 2200 ? uint32_t(1 + (i * 5 + j * 3 + k * 7) % 240) : 0u;
+  });
+  return result;
+}
+
+// As many parts as a result may have, more than voxels.
+VoxelizeResult ManyParts() {
+  VoxelizeResult result = EmptyResult({16, 16, 16});
+  AddLabels<uint16_t>(result, [](int64_t i, int64_t j, int64_t k) { return uint32_t(i + 16 * j + 256 * k); });
+  std::vector<SamplePart> parts;
+  for (uint32_t n = 1; n <= 65'535; ++n) parts.emplace_back(n, "part number " + std::to_string(n));
+  AddParts(result, parts);
+  return result;
+}
+
 class EncoderWork : public ::testing::TestWithParam<std::string> {
  protected:
   void SetUp() override {
-    for (VoxelizeResult (*make)() : {&OneVoxelOf2048Cubed, &ScatteredIn2048Cubed, &DenseBody}) {
+    const OutputFormat& format = *FindFormat("." + GetParam());
+    for (VoxelizeResult (*make)() :
+         {&OneVoxelOf2048Cubed, &ScatteredIn2048Cubed, &DenseBody, &DenseLabels, &ManyParts}) {
       VoxelizeResult result = make();
-      if (FindFormat("." + GetParam())->Holds(result.kind)) results_.push_back(std::move(result));
+      if (format.Holds(result.kind) && CheckHolds(format.extension, result.kind, result.specs).ok())
+        results_.push_back(std::move(result));
     }
     if (FindFormat("." + GetParam())->picture()) results_.resize(1);  // a second each
   }

@@ -14,6 +14,8 @@ namespace {
 
 using testing::AddBits;
 using testing::AddFloats;
+using testing::AddHostileParts;
+using testing::AddLabels;
 using testing::EmptyResult;
 using ::testing::HasSubstr;
 using testing::ReadFile;
@@ -46,6 +48,8 @@ TEST(FormatRegistry, TheLongestExtensionOfANameWins) {
   EXPECT_EQ(FileExtension("d.npy/A.NII.GZ"), ".nii.gz");
   EXPECT_EQ(FileExtension("a.npy.gz"), ".gz");
   EXPECT_EQ(FileExtension("a.b.npz"), ".npz");
+  EXPECT_EQ(FileExtension("a.SEG.nrrd"), ".seg.nrrd");
+  EXPECT_EQ(FileExtension("seg.nrrd"), ".nrrd");
   EXPECT_EQ(FormatExtensionOf(".npz"), "") << "a hidden file without an extension";
   EXPECT_EQ(OutputPaths("a.nii.gz", 1), std::vector<std::string>{"a.nii.gz"});
 }
@@ -62,6 +66,42 @@ TEST(FormatRegistry, NamesFormatsThatHoldWhatAnotherCannot) {
               HasSubstr(".npy holds dense results; a sparse one goes into .npz"));
   EXPECT_THAT(message(".nrrd", ResultKind::kDense, 2), HasSubstr("one target; 2 targets go into .npz, .vti"));
   EXPECT_THAT(message(".xyz", ResultKind::kDense, 1), HasSubstr("known extensions are .npy, .npz"));
+}
+
+TEST(FormatRegistry, NamesTheTargetThatAFormatDoesNotHold) {
+  VoxelizeRequest request;
+  const auto message = [&] {
+    return std::string(CheckHolds(".seg.nrrd", ResultKind::kDense, request.targets).message());
+  };
+  EXPECT_EQ(message(), "");
+  request.targets[0].format = VoxelFormat::kF32;
+  EXPECT_THAT(message(),
+              HasSubstr(".seg.nrrd holds bits, or u8, u16 or u32 of one component; a target of f32 goes into"));
+  request.targets[0].format = VoxelFormat::kU16;
+  EXPECT_EQ(message(), "");
+  request.targets[0].components = 3;
+  EXPECT_THAT(message(), HasSubstr("a target of u16x3 goes into"));
+  request.targets[0].components = 1;
+  request.targets[0].encoding = Encoding::kSnorm;
+  EXPECT_THAT(message(), HasSubstr("a target of u16 in snorm goes into"));
+  request.targets.resize(2);
+  EXPECT_THAT(message(), HasSubstr(".seg.nrrd holds one target; 2 targets go into"));
+  EXPECT_TRUE(CheckHolds(".npz", ResultKind::kDense, request.targets).ok());
+}
+
+TEST(FormatRegistry, ASegmentationIsOfLabelsUnlessTheRequestSaysOtherwise) {
+  VoxelizeRequest request;
+  request.fill = Fill::kParity;
+  UseDefaultsOf(*FindFormat(".seg.nrrd"), true, true, request);
+  EXPECT_EQ(request.targets[0].shader.name, "label");
+  EXPECT_EQ(request.targets[0].fill_values, std::vector<double>{1}) << "the whole mesh has the label 1, inside too";
+  EXPECT_EQ(request.result, ResultKind::kDense);
+  request.parts.scope = PartScope::kNode;
+  UseDefaultsOf(*FindFormat(".seg.nrrd"), true, true, request);
+  EXPECT_TRUE(request.targets[0].fill_values.empty()) << "that of the owner";
+  request.targets[0].shader.name = "mesh_id";
+  UseDefaultsOf(*FindFormat(".seg.nrrd"), false, true, request);
+  EXPECT_EQ(request.targets[0].shader.name, "mesh_id");
 }
 
 // Programs take voxels from -1000 to 999.
@@ -106,9 +146,15 @@ std::map<std::string, std::vector<uint8_t>> FilesOf(const TemporaryDirectory& di
   return files;
 }
 
-VoxelizeResult Sample(Layout layout) {
+// With parts, which every format takes whether it keeps them or not.
+VoxelizeResult Sample(Layout layout, const OutputFormat& format) {
   VoxelizeResult result = EmptyResult({9, 5, 19}, layout);
-  AddFloats(result, 3, SampleValue);
+  if (format.keeps == nullptr) {
+    AddFloats(result, 3, SampleValue);
+  } else {
+    AddLabels<uint16_t>(result, [](int64_t i, int64_t j, int64_t k) { return uint32_t(i * j * k % 7); });
+  }
+  AddHostileParts(result);
   return result;
 }
 
@@ -119,16 +165,19 @@ class EachFormat : public ::testing::TestWithParam<std::string> {
 
 TEST_P(EachFormat, TakesAResultInPiecesOfAnySize) {
   for (const Layout layout : {Layout::kInterleaved, Layout::kPlanar}) {
-    const VoxelizeResult result = Sample(layout);
+    const VoxelizeResult result = Sample(layout, format());
     const TemporaryDirectory whole, pieces;
     ASSERT_TRUE(WriteResult(result, whole / ("out." + GetParam())).ok());
     const std::unique_ptr<ResultFile> file = format().open(pieces / ("out." + GetParam()), nullptr);
     ASSERT_TRUE(file->Begin(HeaderOf(result)).ok());
-    std::span<const uint8_t> left = ArraysOf(result)[0];
-    for (size_t size = 1; !left.empty(); size = size % 23 + 1) {
-      const std::span<const uint8_t> piece = left.first(std::min(size, left.size()));
-      ASSERT_TRUE(file->Write(0, piece).ok());
-      left = left.subspan(piece.size());
+    const std::vector<std::span<const uint8_t>> arrays = ArraysOf(result);
+    for (size_t array = 0; array < arrays.size(); ++array) {
+      std::span<const uint8_t> left = arrays[array];
+      for (size_t size = 1; !left.empty(); size = size % 23 + 1) {
+        const std::span<const uint8_t> piece = left.first(std::min(size, left.size()));
+        ASSERT_TRUE(file->Write(array, piece).ok());
+        left = left.subspan(piece.size());
+      }
     }
     EXPECT_FALSE(std::filesystem::exists(pieces / ("out." + GetParam()))) << "before Commit";
     ASSERT_TRUE(file->Commit().ok());
@@ -141,12 +190,12 @@ TEST_P(EachFormat, LeavesNothingOfACancelledOrUnfinishedResult) {
   const TemporaryDirectory directory;
   JobContext job;
   job.Cancel();
-  EXPECT_EQ(WriteResult(Sample(Layout::kInterleaved), directory / ("a." + GetParam()), &job).code(),
+  EXPECT_EQ(WriteResult(Sample(Layout::kInterleaved, format()), directory / ("a." + GetParam()), &job).code(),
             absl::StatusCode::kCancelled);
   EXPECT_EQ(directory.FileCount(), 0u);
   {
     const std::unique_ptr<ResultFile> file = format().open(directory / ("a." + GetParam()), nullptr);
-    ASSERT_TRUE(file->Begin(HeaderOf(Sample(Layout::kInterleaved))).ok());
+    ASSERT_TRUE(file->Begin(HeaderOf(Sample(Layout::kInterleaved, format()))).ok());
     EXPECT_EQ(directory.FileCount(), GetParam() == "raw" ? 2u : 1u) << "under temporary names";
   }
   EXPECT_EQ(directory.FileCount(), 0u);

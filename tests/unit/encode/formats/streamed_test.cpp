@@ -2,7 +2,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
-#include <zlib.h>
 
 #include <future>
 #include <numeric>
@@ -12,6 +11,7 @@
 #include "encode/formats/nifti_header.h"
 #include "encode/formats/plain_elements.h"
 #include "encode/result_file.h"
+#include "unit/encode/file_readers.h"
 #include "unit/encode/sample_results.h"
 
 namespace voxelpipe {
@@ -21,70 +21,20 @@ using testing::AddBits;
 using testing::AddFloats;
 using testing::EmptyResult;
 using ::testing::HasSubstr;
+using testing::Inflated;
+using testing::NumberAt;
 using testing::ReadFile;
 using testing::SampleBit;
 using testing::SampleValue;
 using testing::TemporaryDirectory;
-
-// A whole zlib or gzip stream; fails on a wrong checksum or bytes after it.
-std::string Inflated(std::span<const uint8_t> compressed) {
-  z_stream stream{};
-  EXPECT_EQ(inflateInit2(&stream, 15 + 32), Z_OK);  // either wrapper
-  stream.next_in = const_cast<uint8_t*>(compressed.data());
-  stream.avail_in = uInt(compressed.size());
-  std::string text;
-  int code = Z_OK;
-  while (code == Z_OK) {
-    char buffer[4096];
-    stream.next_out = reinterpret_cast<uint8_t*>(buffer);
-    stream.avail_out = sizeof buffer;
-    code = inflate(&stream, Z_NO_FLUSH);
-    text.append(buffer, sizeof buffer - stream.avail_out);
-  }
-  EXPECT_EQ(code, Z_STREAM_END);
-  EXPECT_EQ(stream.avail_in, 0u);
-  inflateEnd(&stream);
-  return text;
-}
-
-template <typename T>
-T NumberAt(std::string_view bytes, size_t at) {
-  T value;
-  std::memcpy(&value, bytes.data() + at, sizeof value);
-  return value;
-}
+using testing::VtiArray;
+using testing::WrittenText;
 
 VoxelizeResult Placed(std::array<int64_t, 3> dims, Layout layout = Layout::kInterleaved) {
   VoxelizeResult result = EmptyResult(dims, layout);
   result.grid.origin = {10, 20, 30};
   result.grid.voxel_size = {0.1, 0.2, 0.4};
   return result;
-}
-
-// The bytes of an array of a .vti, by its table of compressed blocks.
-std::string VtiArray(const std::string& file, const std::string& name) {
-  const size_t named = file.find("Name=\"" + name + "\"");
-  const uint64_t offset = std::stoull(file.substr(file.find("offset=\"", named) + 8, 20));
-  size_t at = file.find('_', file.find("<AppendedData")) + 1 + offset;
-  const auto next = [&] {
-    at += 8;
-    return NumberAt<uint64_t>(file, at - 8);
-  };
-  const uint64_t blocks = next(), block_bytes = next(), last_bytes = next();
-  std::vector<uint64_t> sizes(blocks);
-  for (uint64_t& size : sizes) size = next();
-  std::string bytes;
-  for (const uint64_t size : sizes) {
-    bytes += Inflated({reinterpret_cast<const uint8_t*>(&file[at]), size});
-    at += size;
-  }
-  EXPECT_EQ(bytes.size(), (blocks - (last_bytes > 0)) * block_bytes + last_bytes);
-  return bytes;
-}
-
-std::string WrittenText(const std::string& path) {
-  const std::vector<uint8_t> bytes = ReadFile(path);
-  return {bytes.begin(), bytes.end()};
 }
 
 TEST(VtiFile, HasTheGridAndAnArrayATarget) {
