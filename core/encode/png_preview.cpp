@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "encode/atomic_file.h"
+#include "encode/preview/legend.h"
 #include "encode/preview/preview_canvas.h"
 #include "encode/preview/preview_cells.h"
 #include "encode/preview/preview_colour.h"
@@ -23,7 +24,7 @@ absl::StatusOr<Picture> Draw(const VoxelizeResult& result, const PreviewOptions&
   const uint64_t pixels = uint64_t(options.width) * uint64_t(options.height);
   MemoryCharge memory(&MemoryOf(job));
   absl::Status status = memory.Grow(pixels, sizeof(Vec3f) + 3, "a picture:");  // the canvas and the result
-  if (status.ok()) status = memory.Grow(PreviewItems::MemoryBytes(result), "an index of voxels:");
+  if (status.ok()) status = memory.Grow(PreviewColours::MemoryBytes(result), "an index of voxels:");
   if (!status.ok()) return status;
   const PreviewColours colours(result, *volume, job);
   if (status = CheckJob(job); !status.ok()) return status;
@@ -36,6 +37,7 @@ absl::StatusOr<Picture> Draw(const VoxelizeResult& result, const PreviewOptions&
     status = DrawView(*cells, colours, result.grid, options.view, view, options.samples, job, canvas);
     if (!status.ok()) return status;
   }
+  DrawLegend(colours.legend(), view, canvas);
   status = DrawSlices(*volume, colours, result.grid, {view.width, 0, column, options.height}, job, canvas);
   if (!status.ok()) return status;
   Picture picture = canvas.ToPicture(job);

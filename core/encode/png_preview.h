@@ -22,10 +22,11 @@ struct PreviewOptions {
 // target, or without one the voxels of the first target with a component that is not `clear`; in a sparse or bucketed
 // result the listed voxels, with the last fragment of a bucket. Colour: the first target with 3 or 4 components as
 // linear RGB (integers over their `scale`, by default their largest value; unit vectors of the normal shaders mapped to
-// [0, 1]; of velocities the length, through a colour map); otherwise the first other target that is not bits through a
-// colour map from its smallest to its largest value other than `clear`; otherwise, of buckets, the number of fragments
-// through that map, from 1 to the largest on a logarithmic scale; otherwise one clay colour. Voxels inside a solid that
-// hold `clear` have a pale blue of their own. Normals for lighting: those of a u16, u32 or f32 target of
+// [0, 1]; of velocities the length, through a colour map); otherwise the first other target that is not bits, if it
+// holds the labels of parts (legend.h) in their colours, with a legend of labels and names in the picture, else through
+// a colour map from its smallest to its largest value other than `clear`; otherwise, of buckets, the number of
+// fragments through that map, from 1 to the largest on a logarithmic scale; otherwise one clay colour. Voxels inside a
+// solid that hold `clear` have a pale blue of their own. Normals for lighting: those of a u16, u32 or f32 target of
 // `packed_normal` (blends replace, first, min, max), otherwise those of the voxels' shape. Out: the picture, sRGB, from
 // options.view. The slices are those of index n/2, as DrawSlices draws them: x seen from +X, y from +Y, z from +Z. The
 // picture does not depend on the number of threads. Time: linear in the pixels, and one pass over the bits of the

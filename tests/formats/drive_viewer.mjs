@@ -53,6 +53,11 @@ try {
     await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
     await page.waitForFunction(() => document.querySelector('[role=status]').textContent.startsWith('voxel'),
       {timeout: 60_000}).catch(() => problems.push('nothing under the cursor'));
+    const hex = (colour) => `#${colour.match(/\d+/g).map((n) => Number(n).toString(16).padStart(2, '0')).join('')}`;
+    seen.labels = await page.$$eval('.voxels-labels li', (lines) => lines.map((line) => [line.textContent,
+      getComputedStyle(line.querySelector('.voxels-bar')).display,
+      getComputedStyle(line.querySelector('.voxels-bar')).backgroundColor]));
+    seen.labels = seen.labels.map(([text, shown, colour]) => [text, shown !== 'none', hex(colour)]);
     seen.hover = await page.$eval('[role=status]', (status) => status.textContent);
     seen.corner = await page.evaluate(() => window.viewer.pick(2, 2));
     const slide = (label, value) => page.$eval(`input[aria-label="${label}"]`, (input, v) => {

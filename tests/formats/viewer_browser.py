@@ -25,12 +25,14 @@ MIN_CONTRAST = 4.5  # of texts
 MIN_OVERLAP = 0.98  # of the two silhouettes, intersection over union
 
 
-def write_boxes(path):
-    """Three boxes of different lengths: no two views of them look alike."""
+# Three boxes of different lengths, low corner and size: no two views of them look alike.
+BOXES = [([0, 0, 0], [4, 1, 1.5]), ([0, 1, 0], [1, 2, 0.8]), ([2.5, 0.2, 1.5], [0.7, 0.6, 2])]
+
+
+def write_boxes(path, boxes=tuple(BOXES)):
     corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
     faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
                       [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
-    boxes = [([0, 0, 0], [4, 1, 1.5]), ([0, 1, 0], [1, 2, 0.8]), ([2.5, 0.2, 1.5], [0.7, 0.6, 2])]
     points = np.concatenate([corner * size + low for low, size in boxes])
     glb.write_glb(path, points, np.concatenate([faces + 8 * i for i in range(len(boxes))]))
 
@@ -158,6 +160,33 @@ def check_view(modules, browser):
     assert (picture(WORK / "boxes-plain.png") != picture(WORK / "boxes-turned.png")).any(), "the keys turn nothing"
 
 
+def check_parts(modules, browser):
+    """The list of parts, with the colours that the voxels have, and their names under the cursor."""
+    names = ["body", "</script><b>&amp; ]]>", "boom"]
+    listed = []
+    for number, (name, box) in enumerate(zip(names, BOXES)):
+        write_boxes(WORK / f"box{number}.glb", [box])
+        listed.append({"input": f"box{number}.glb", "name": name, "label": 3 - number})
+    (WORK / "parts.json").write_text(json.dumps({"meshes": listed}), encoding="utf-8")
+    command = [str(VOXELPIPE), "voxelize", "--together", str(WORK / "parts.json"), "--parts", "file", "--resolution",
+               "64", "--fill", "nonzero", "--target", "u16:replace:shader=label", "-o", str(WORK / "parts.html")]
+    subprocess.run(command, check=True, capture_output=True)
+    seen = drive(modules, browser, "parts.html")
+    texts = [text for text, _, _ in seen["labels"]]
+    assert [text.split(":")[0] for text in texts] == ["1 boom", f"2 {names[1]}", "3 body"], texts
+    assert all("12 triangles, " in text and text.endswith(" voxels") for text in texts), texts
+    assert all(shown for _, shown, _ in seen["labels"]), "the colours are not beside the names"
+    colours = [colour for _, _, colour in seen["labels"]]
+    assert len(set(colours)) == 3
+    match = re.search(r" · target0 (\d) \((.*)\)$", seen["hover"])
+    assert match and names[3 - int(match[1])] == match[2], seen["hover"]
+    # On the side that light meets in full, a colour is as it is in the list.
+    image = picture(WORK / "parts-view.png")
+    for colour in colours:
+        rgb = np.array([int(colour[i:i + 2], 16) for i in (1, 3, 5)])
+        assert (abs(image - rgb).sum(-1) < 12).sum() > 100, f"nothing is drawn in {colour}"
+
+
 def check_large(modules, browser):
     ball = WORK / "ball.glb"
     command = [sys.executable, str(SOURCE / "tests/support/make_ball.py"), str(ball)]
@@ -193,6 +222,7 @@ def main():
         print(f"skipped: {missing or reason}")
         return 77
     check_view(modules, browser)
+    check_parts(modules, browser)
     check_large(modules, browser)
     return 0
 

@@ -19,6 +19,8 @@
 #include "encode/formats/bytes.h"
 #include "encode/formats/deflate.h"
 #include "encode/formats/writers.h"
+#include "encode/part_json.h"
+#include "encode/preview/legend.h"
 #include "encode/viewer/viewer_program.h"
 
 namespace voxelpipe {
@@ -69,7 +71,8 @@ absl::StatusOr<std::vector<Cell>> CellsOf(const PreviewVolume& drawn, const Prev
 }
 
 // How the viewer makes a colour of the values (viewer/colours.js).
-std::string_view ShownAs(const TargetSpec& spec) {
+std::string_view ShownAs(const TargetSpec& spec, const VoxelizeResult& result) {
+  if (HoldsLabels(spec, result.kind) && !result.parts.empty()) return "label";
   if (spec.components < 3 || !(ColourUnit(spec) > 0)) return "number";
   if (spec.shader.name == "velocity") return "length";
   if (spec.encoding != Encoding::kLinear) return "codes";
@@ -110,6 +113,20 @@ std::string Three(const Vec3d& v) {
   return absl::StrCat(v.x, ", ", v.y, ", ", v.z);
 }
 
+// The parts by label: what the viewer lists.
+ordered_json LabelsOf(const PartTable& parts) {
+  ordered_json labels = ordered_json::array();
+  for (const LegendEntry& entry : LegendOf(parts)) {
+    ordered_json& label = labels.emplace_back(ordered_json{{"label", entry.label},
+                                                           {"name", entry.name},
+                                                           {"colour", entry.rgb},
+                                                           {"parts", entry.parts},
+                                                           {"triangles", entry.triangles}});
+    if (!parts.voxels.empty()) label["voxels"] = entry.voxels;
+  }
+  return labels;
+}
+
 ordered_json Describe(const VoxelizeResult& result, const PreviewVolume& drawn, int64_t step, uint64_t solid,
                       uint64_t whole_faces, uint64_t cells) {
   const GridSpec& grid = result.grid;
@@ -132,9 +149,10 @@ ordered_json Describe(const VoxelizeResult& result, const PreviewVolume& drawn, 
          {"title", absl::StrCat(std::string(Name(spec.format)), "x", spec.components, " ", spec.shader.name)},
          {"format", StoredAs(spec.format)},
          {"components", spec.components},
-         {"shows", ShownAs(spec)},
+         {"shows", ShownAs(spec, result)},
          {"unit", ColourUnit(spec)}});
   }
+  if (!result.parts.empty()) json["labels"] = LabelsOf(result.parts);
   return json;
 }
 
@@ -177,6 +195,9 @@ absl::Status EncodeHtml(const DrawnResult& drawn, AtomicFile& file, const JobCon
   }
   const absl::StatusOr<uint64_t> solid = CountSolid(drawn.volume, job);
   if (!solid.ok()) return solid.status();
+  absl::Status s =
+      drawn.memory.Grow(LegendBytes(result.parts.shape()) + PartsJsonBytes(result.parts.shape()), "a page of voxels:");
+  if (!s.ok()) return s;
   std::string json = Describe(result, *shown, step, *solid, whole_faces, count->voxels).dump();
   json.resize((json.size() + 3) / 4 * 4, ' ');
   constexpr uint64_t kCellBytes = 4 * sizeof(uint16_t), kPadding = 4;
@@ -185,7 +206,7 @@ absl::Status EncodeHtml(const DrawnResult& drawn, AtomicFile& file, const JobCon
     const ElementType type = ElementOf(spec.format == VoxelFormat::kF16 ? VoxelFormat::kF32 : spec.format);
     payload += ArrayBytes(type, count->voxels * uint64_t(spec.components)) + kPadding;
   }
-  absl::Status s = drawn.memory.Grow(count->voxels, sizeof(Cell), "a page of voxels:");
+  s = drawn.memory.Grow(count->voxels, sizeof(Cell), "a page of voxels:");
   if (s.ok()) s = drawn.memory.Grow(payload + kDeflateBytes, "a page of voxels:");
   if (!s.ok()) return s;
   const absl::StatusOr<std::vector<Cell>> cells = CellsOf(*shown, drawn.volume, step, count->voxels, job);

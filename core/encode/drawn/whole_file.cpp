@@ -44,7 +44,7 @@ class WholeFile final : public ResultFile {
       const VoxelizeResult result = whole_.Take();
       absl::StatusOr<PreviewVolume> volume = PreviewVolume::Build(result, job_);
       if (!volume.ok()) return volume.status();
-      if (absl::Status s = memory_.Grow(PreviewItems::MemoryBytes(result), "an index of voxels:"); !s.ok()) return s;
+      if (absl::Status s = memory_.Grow(PreviewColours::MemoryBytes(result), "an index of voxels:"); !s.ok()) return s;
       const PreviewColours colours(result, *volume, job_);
       if (absl::Status s = CheckJob(job_); !s.ok()) return s;
       if (absl::Status s = encode_({result, *volume, colours, memory_}, *file_, job_); !s.ok()) return s;

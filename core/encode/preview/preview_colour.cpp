@@ -83,7 +83,11 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   const uint32_t cell = NumberToCell(spec.clear, spec.format);
   clear_ = IsInteger(spec.format) ? float(cell) : FloatOf(cell);
   encoding_ = spec.encoding;
-  if (spec.components < 3 || !(unit_ > 0)) {
+  words_ = spec.format == VoxelFormat::kU32;
+  if (HoldsLabels(spec, result.kind) && !result.parts.empty()) {
+    legend_ = LegendOf(result.parts);
+    kind_ = Kind::kLabels;
+  } else if (spec.components < 3 || !(unit_ > 0)) {
     FindRange(result, job);
     if (low_ < high_) kind_ = Kind::kScalar;
   } else if (spec.shader.name == "velocity") {
@@ -95,6 +99,18 @@ PreviewColours::PreviewColours(const VoxelizeResult& result, const PreviewVolume
   } else {
     kind_ = Kind::kLinearRgb;
   }
+}
+
+uint64_t PreviewColours::MemoryBytes(const VoxelizeResult& result) {
+  return PreviewItems::MemoryBytes(result) + LegendBytes(result.parts.shape());
+}
+
+Vec3f PreviewColours::ColourOfLabel(uint64_t item) const {
+  static const Vec3f other = FromSrgb(0xc9c3b8);  // of a number that is no part's label
+  const uint32_t label = words_ ? values_.WordAt(item, 0) : uint32_t(std::max(values_.At(item, 0), 0.0f));
+  const auto found = std::lower_bound(legend_.begin(), legend_.end(), label,
+                                      [](const LegendEntry& entry, uint32_t l) { return entry.label < l; });
+  return found != legend_.end() && found->label == label ? FromSrgb(found->rgb) : other;
 }
 
 void PreviewColours::FindRange(const VoxelizeResult& result, const JobContext* job) {
@@ -160,6 +176,7 @@ Vec3f PreviewColours::At(uint64_t n) const {
   const uint64_t item = items_.Find(n);
   if (item == PreviewItems::kNone) return clay;
   if (IsClear(item) && volume_.Enclosed(n)) return InsideColour();
+  if (kind_ == Kind::kLabels) return ColourOfLabel(item);
   if (kind_ == Kind::kScalar || kind_ == Kind::kLength) return Viridis((NumberOf(item) - low_) / (high_ - low_));
   Vec3f colour;
   for (int c = 0; c < 3; ++c) {

@@ -3,6 +3,7 @@
 // Even samples of matplotlib's viridis (N. Smith, S. van der Walt, 2015).
 export const MAP = [0x440154, 0x472d7b, 0x3b528b, 0x2c728e, 0x21918c, 0x28ae80, 0x5ec962, 0xaddc30, 0xfde725];
 const PLAIN = [0x5f, 0x95, 0xc4];
+const NO_LABEL = [0xc9, 0xc3, 0xb8]; // of a number that is no part's label
 
 const channels = (rgb) => [rgb >> 16, (rgb >> 8) & 255, rgb & 255];
 
@@ -25,9 +26,12 @@ export function numberOf(target, n) {
   return Math.hypot(...target.values.subarray(first, first + 3));
 }
 
-// In: a target of the payload (null: none) and the number of voxels. Out: RGBA bytes by voxel, sRGB, and the range
-// [low, high] where a colour map was used.
-export function coloursOf(target, voxels) {
+// In: a read payload. Out: a Map from each label of the parts to its entry; empty if the result has none.
+export const labelsOf = (data) => new Map((data.labels ?? []).map((entry) => [entry.label, entry]));
+
+// In: a target of the payload (null: none), the number of voxels, and the payload's entries by label (labelsOf). Out:
+// RGBA bytes by voxel, sRGB, and the range [low, high] where a colour map was used.
+export function coloursOf(target, voxels, labels) {
   const rgba = new Uint8Array(4 * voxels).fill(255);
   let range = null;
   let colour = () => PLAIN;
@@ -41,6 +45,9 @@ export function coloursOf(target, voxels) {
     if (low <= high) range = [low, high];
     const table = Array.from({length: 256}, (_, i) => mapped(i / 255));
     colour = (n) => table[high > low ? Math.round(255 * (numberOf(target, n) - low) / (high - low)) : 0];
+  } else if (target && target.shows === 'label') {
+    const table = new Map([...labels].map(([label, entry]) => [label, channels(entry.colour)]));
+    colour = (n) => table.get(target.values[n]) ?? NO_LABEL;
   } else if (target) {
     const {values, components, unit, shows} = target;
     const convert = {

@@ -1,7 +1,7 @@
 // A viewer of voxels in an element of a page.
 import {OrbitControls} from 'three/examples/jsm/controls/OrbitControls.js';
 
-import {coloursOf, MAP} from './colours.js';
+import {coloursOf, labelsOf, MAP} from './colours.js';
 import {Frames} from './frames.js';
 import {readPayload} from './payload.js';
 import {CUT_COLOUR, HATCH_COLOUR, VoxelScene} from './scene.js';
@@ -10,6 +10,7 @@ export {payloadOf} from './payload.js';
 
 const ISO = [45, 35.264389682754654];
 const TURN_DEGREES = 10;
+const MAX_LABELS = 500; // in the list: more make a page slow
 
 function make(name, attributes = {}, ...children) {
   const element = document.createElement(name);
@@ -34,7 +35,7 @@ function centreOf(data, cell) {
   return data.origin.map((origin, axis) => origin + (cell[axis] + 0.5) * data.voxel_size[axis]);
 }
 
-function describe(data, {cell, voxel}) {
+function describe(data, labels, {cell, voxel}) {
   // A coarse voxel stands for several of the grid.
   const index = cell.map((i) => (data.step === 1 ? i : `${i * data.step}-${i * data.step + data.step - 1}`));
   const parts = [`voxel ${index.join(', ')}`, `at ${centreOf(data, cell).map(short).join(', ')}`];
@@ -42,9 +43,31 @@ function describe(data, {cell, voxel}) {
   for (const target of data.targets) {
     const from = voxel * target.components;
     const values = Array.from(target.values.subarray(from, from + target.components));
-    parts.push(`${target.name} ${values.map(short).join(', ')}`);
+    const name = target.shows === 'label' ? labels.get(values[0])?.name : '';
+    parts.push(`${target.name} ${values.map(short).join(', ')}${name ? ` (${name})` : ''}`);
   }
   return parts.join(' · ');
+}
+
+// What the list says of a label, after its colour.
+function labelText({label, name, parts, triangles, voxels}) {
+  const count = (number, word) => `${number.toLocaleString('en')} ${word}${number === 1 ? '' : 's'}`;
+  const facts = [count(triangles, 'triangle')];
+  if (voxels !== undefined) facts.push(count(voxels, 'voxel'));
+  if (parts > 1) facts.unshift(count(parts, 'part'));
+  return `${label}${name ? ` ${name}` : ''}: ${facts.join(', ')}`;
+}
+
+// The parts by label, with their colours. `data-labels` counts them for tests.
+function labelList(labels) {
+  const list = make('ul', {class: 'voxels-labels', 'data-labels': labels.size});
+  for (const entry of [...labels.values()].slice(0, MAX_LABELS)) {
+    const bar = make('span', {class: 'voxels-bar'});
+    bar.style.background = hex(entry.colour);
+    list.append(make('li', {}, bar, make('span', {}, labelText(entry))));
+  }
+  if (labels.size > MAX_LABELS) list.append(make('li', {}, `and ${labels.size - MAX_LABELS} more`));
+  return make('details', {class: 'voxels-parts', open: ''}, make('summary', {}, 'Parts'), list);
 }
 
 function sliceControl(data, axis, change) {
@@ -88,12 +111,16 @@ export function mountViewer(element, payload) {
     draw();
   };
 
+  const labels = labelsOf(data);
+  const parts = labelList(labels);
+  parts.hidden = labels.size === 0;
   const legend = make('p', {class: 'voxels-legend'});
   const showTarget = (number) => {
     const target = number < 0 ? null : data.targets[number];
-    const {rgba, range} = coloursOf(target, data.voxels);
+    const {rgba, range} = coloursOf(target, data.voxels, labels);
     voxelScene.setColours(rgba);
     legend.hidden = range === null;
+    parts.classList.toggle('voxels-shown', target?.shows === 'label');
     if (range) showKey(legend, `linear-gradient(90deg, ${MAP.map(hex).join(', ')})`, ...range.map(short));
     draw();
   };
@@ -108,7 +135,7 @@ export function mountViewer(element, payload) {
   const found = make('p', {class: 'voxels-found', role: 'status'}, 'Point at a voxel to read it.');
   const pick = (x, y) => {
     const found = voxelScene.pick(x, y);
-    return found ? describe(data, found) : '';
+    return found ? describe(data, labels, found) : '';
   };
   let timer = 0;
   canvas.addEventListener('pointermove', (event) => {
@@ -138,6 +165,7 @@ export function mountViewer(element, payload) {
 
   const facts = make('p', {class: 'voxels-facts'}, data.title);
   const panel = make('div', {class: 'voxels-panel'}, facts, make('label', {}, 'Colour by ', choice), legend, cutLegend,
+    parts,
     ...[0, 1, 2].map((axis) => sliceControl(data, axis, (...slice) => {
       voxelScene.setSlice(...slice);
       cutLegend.hidden = !voxelScene.cutsInside;

@@ -43,7 +43,9 @@ export class Options {
     const size = Number($('size').value);
     const resolution = Math.max(0, Math.round(Number($('resolution').value)));
     const grid = bySize ? {voxel_size: {x: size, y: size, z: size}} : {resolution: {voxels: resolution}};
-    return {grid, coverage: $('coverage').value, fill: $('fill').value, targets: this.#rows().map(targetOf)};
+    const scope = $('parts').value;
+    const parts = scope === 'PART_SCOPE_WHOLE' ? {} : {parts: {scope}};
+    return {grid, coverage: $('coverage').value, fill: $('fill').value, ...parts, targets: this.#rows().map(targetOf)};
   }
 
   // Shows the errors of the server, [{field, description}], at the fields that they name, in place of earlier ones.
@@ -112,7 +114,7 @@ export class Options {
 
   // Options that no longer go with the one that has changed give way.
   #settle(changed) {
-    const fills = fillsOf($('coverage').value);
+    const fills = fillsOf($('coverage').value, $('parts').value);
     offer($('fill'), fills, fills[0]);
     $('coverage-about').hidden = $('coverage').value !== 'COVERAGE_NONE';
     const row = changed?.closest('.target');

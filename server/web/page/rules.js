@@ -10,9 +10,10 @@ const ALL_FILLS = ['FILL_NONE', 'FILL_PARITY', 'FILL_NONZERO', 'FILL_FLOOD'];
 
 export const MAX_TARGETS = 8;
 
-// The fills of a coverage. The first one is taken where another one is no longer possible.
-export function fillsOf(coverage) {
-  return coverage === 'COVERAGE_NONE' ? ['FILL_PARITY', 'FILL_NONZERO'] : ALL_FILLS;
+// The fills of a coverage and of parts. The first one is taken where another one is no longer possible.
+export function fillsOf(coverage, parts) {
+  if (coverage === 'COVERAGE_NONE') return ['FILL_PARITY', 'FILL_NONZERO'];
+  return parts === 'PART_SCOPE_WHOLE' ? ALL_FILLS : ALL_FILLS.filter((fill) => fill !== 'FILL_FLOOD');
 }
 
 // The blends of a VoxelFormat; the first one is its default.

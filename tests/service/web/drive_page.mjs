@@ -104,6 +104,15 @@ try {
     }
   }
 
+  // Each mesh of the file is a part.
+  await set('parts', 'PART_SCOPE_MESH');
+  seen.fills_of_parts = await page.$$eval('#fill option', (all) => all.filter((o) => !o.disabled).map((o) => o.value));
+  await setTarget(1, {shader: 'label', format: 'VOXEL_FORMAT_U16', blend: 'BLEND_REPLACE'});
+  await page.$eval('#form', (form) => { form.dataset.state = ''; });
+  await page.click('#run');
+  seen.state_of_parts = await state('done', 'failed');
+  seen.parts = await page.$$eval('.voxels-labels li', (lines) => lines.map((line) => line.textContent));
+  await set('parts', 'PART_SCOPE_WHOLE');
   await set('resolution', '1500');
   await set('fill', 'FILL_NONE');
   await setTarget(1, {format: 'VOXEL_FORMAT_U8'});

@@ -12,9 +12,10 @@ fs.writeFileSync(path.join(work, 'package.json'), '{"type": "module"}'); // as t
 for (const name of ['rules.js', 'example.js']) fs.copyFileSync(path.join(page, name), path.join(work, name));
 const {blendsOf, encodingsOf, fillsOf, shownText} = await import(pathToFileURL(path.join(work, 'rules.js')));
 
-assert.deepEqual(fillsOf('COVERAGE_NONE'), ['FILL_PARITY', 'FILL_NONZERO']);
-assert.equal(fillsOf('COVERAGE_THIN')[0], 'FILL_NONE');
-assert.equal(fillsOf('COVERAGE_THIN').length, 4);
+assert.deepEqual(fillsOf('COVERAGE_NONE', 'PART_SCOPE_WHOLE'), ['FILL_PARITY', 'FILL_NONZERO']);
+assert.equal(fillsOf('COVERAGE_THIN', 'PART_SCOPE_WHOLE')[0], 'FILL_NONE');
+assert.equal(fillsOf('COVERAGE_THIN', 'PART_SCOPE_WHOLE').length, 4);
+assert.deepEqual(fillsOf('COVERAGE_THIN', 'PART_SCOPE_NODE'), ['FILL_NONE', 'FILL_PARITY', 'FILL_NONZERO']);
 
 assert.deepEqual(blendsOf('VOXEL_FORMAT_BIT'),
   ['BLEND_OR', 'BLEND_AND', 'BLEND_REPLACE', 'BLEND_FIRST', 'BLEND_COUNT']);

@@ -90,8 +90,12 @@ def check(seen, mesh, folder):
         same.append(name)
     print(f"the same bytes as the command line's: {' '.join(same)}")
     assert {"npy", "npz", "raw", "vti", "zarr", "ply", "glb", "vox", "binvox"} <= set(same), same
+    assert seen["fills_of_parts"] == ["FILL_NONE", "FILL_PARITY", "FILL_NONZERO"], seen["fills_of_parts"]
+    assert seen["state_of_parts"] == "done", seen
     if "html" in seen["files"]:
         assert int(seen["faces"]) > 1000, "no voxels are shown"
+        (part,) = seen["parts"]
+        assert re.match(r"1( .*)?: [\d,]+ triangles, [\d,]+ voxels$", part), part
 
 
 def check_example(seen, folder):

@@ -105,5 +105,29 @@ TEST_F(HtmlPage, EmptyGridHasNoVoxels) {
   EXPECT_TRUE(Write({5, 4, 3}, [](int64_t, int64_t, int64_t) { return false; }).cells.empty());
 }
 
+TEST_F(HtmlPage, ListsThePartsByLabel) {
+  const TemporaryDirectory directory;
+  VoxelizeResult result = EmptyResult({8, 8, 8});
+  testing::AddLabels<uint16_t>(result, [](int64_t i, int64_t, int64_t) { return uint32_t(1 + i % 4); });
+  ASSERT_TRUE(WriteResult(result, directory / "without.html").ok());
+  const nlohmann::json without = ReadPage(directory / "without.html").description;
+  EXPECT_FALSE(without.contains("labels"));
+  EXPECT_EQ(without["targets"][0]["shows"], "number");
+
+  testing::AddHostileParts(result);
+  result.parts.label[9] = 1;  // that of the first, too
+  ASSERT_TRUE(WriteResult(result, directory / "a.html").ok());
+  const nlohmann::json description = ReadPage(directory / "a.html").description;
+  EXPECT_EQ(description["targets"][0]["shows"], "label");
+  const nlohmann::json& labels = description["labels"];
+  ASSERT_EQ(labels.size(), testing::HostileNames().size() - 1);
+  for (size_t i = 0; i < labels.size(); ++i) EXPECT_EQ(labels[i]["name"], testing::HostileNames()[i].second);
+  EXPECT_EQ(labels[0], ParseJson(R"({"label": 1, "name": "plain", "colour": 15113984, "parts": 2, "triangles": 29,
+                                     "voxels": 209})"));
+  const std::vector<uint8_t> file = ReadFile(directory / "a.html");
+  const std::string page(file.begin(), file.end());
+  EXPECT_EQ(page.find("&amp;]]>"), std::string::npos) << "names are in the packed data alone";
+}
+
 }  // namespace
 }  // namespace voxelpipe
