@@ -154,7 +154,45 @@ def parts_raw(assembly):
     assembly.check_columns({f"part_{name}": column for name, column in parts.items()})
 
 
-READERS = {"seg.nrrd of parts (teem)": parts_seg_nrrd, "vti of parts (VTK)": parts_vti,
+def parts_h5(assembly):
+    h5py = need_module("h5py")
+    with h5py.File(assembly.write("h5", assembly.TARGETS[:2])) as file:
+        check_h5_labels(file, assembly.arrays, assembly.arrays["target0"])
+        parts = file["parts"]
+        assert list(parts["name"].asstr()[:]) == assembly.clean()
+        assembly.check_columns({f"part_{name}": parts[name][:] for name in parts if name != "name"})
+    with h5py.File(assembly.write("h5", ["--target", "f32x1:max:shader=position"])) as file:
+        data = file["data"]  # as Meep reads an epsilon_input_file
+        assert data.dtype == np.float32 and data.shape == assembly.arrays["target0"].shape[::-1]
+    most = ["--target", "u32:replace:shader=label", "--part-label"]
+    with h5py.File(assembly.write("h5", [*most, "body=32768"])) as file:
+        assert file["data"][:].max() == 32767
+    try:
+        assembly.write("h5", [*most, "body=32769"])
+    except subprocess.CalledProcessError as refused:
+        assert refused.returncode == 1 and "up to 32768; a voxel has 32769" in refused.stderr, refused.stderr
+    else:
+        raise AssertionError("a number of a material that 16 bits do not hold")
+
+
+def check_h5_labels(file, arrays, labels):
+    """What gprMax's #geometry_objects_read asks of a file: int16 (nx, ny, nz), -1 or a number from 0, and dx_dy_dz."""
+    data = file["/data"]
+    assert data.dtype == np.int16 and np.array_equal(data[:], labels.astype(np.int16).transpose() - 1)
+    assert np.array_equal(file.attrs["dx_dy_dz"], arrays["voxel_size"])
+    assert np.array_equal(file.attrs["origin"], arrays["origin"])
+
+
+def h5(case):
+    h5py = need_module("h5py")
+    for target in (["--target", "u16x1:max:shader=position,scale=100"], ["--target", "bit:or"]):
+        path = case.write("npz", target)
+        with np.load(path) as archive, h5py.File(case.write("h5", target)) as file:
+            check_h5_labels(file, archive, archive["target0"])
+            assert "parts" not in file
+
+
+READERS = {"h5 of parts (h5py)": parts_h5, "seg.nrrd of parts (teem)": parts_seg_nrrd, "vti of parts (VTK)": parts_vti,
            "zarr of parts (python3-zarr)": parts_zarr, "raw of parts (Python's json)": parts_raw}
 
 
@@ -162,7 +200,7 @@ def main():
     WORK.mkdir(parents=True, exist_ok=True)
     assembly = Assembly()
     jobs = [(name, read, assembly) for name, read in READERS.items()]
-    for name, read in {"seg.nrrd (teem)": seg_nrrd}.items():
+    for name, read in {"seg.nrrd (teem)": seg_nrrd, "h5 (h5py)": h5}.items():
         jobs += [(f"{name}: {case.name}", read, case) for case in make_cases()]
     return run(jobs, known_formats())
 

@@ -29,7 +29,7 @@ pytestmark = pytest.mark.skipif(not FORMATS, reason="voxelpipe_core is not insta
 
 COLOR = "u8x4:replace:shader=base_color,encoding=srgb"
 ONE = {"dense": [COLOR], "sparse": ["f32x3:average:shader=normal"], "buckets": ["u32:replace:shader=triangle_id"]}
-ONE_NUMBER = {".seg.nrrd": ["u16:max:shader=triangle_id"]}  # hold no vectors
+ONE_NUMBER = {".seg.nrrd": ["u16:max:shader=triangle_id"], ".h5": ["f32:max:shader=triangle_id"]}  # hold no vectors
 SEVERAL = ["bit:or:shader=occupancy", COLOR, "f16x3:replace:shader=normal", "u32:replace:shader=triangle_id"]
 
 

@@ -54,6 +54,10 @@ std::string NotInSegNrrd(const ResultHeader& header) {
   return header.grid.voxels() > 1 ? "" : "3D Slicer takes a grid of one voxel as a segmentation without an image";
 }
 
+[[maybe_unused]] bool IsScalar(const TargetSpec& spec) {
+  return spec.components == 1 && spec.encoding == Encoding::kLinear;
+}
+
 bool IsLabelmap(const TargetSpec& spec) {
   const VoxelFormat format = spec.format;
   const bool whole = format == VoxelFormat::kBit || format == VoxelFormat::kU8 || format == VoxelFormat::kU16 ||
@@ -62,8 +66,9 @@ bool IsLabelmap(const TargetSpec& spec) {
 }
 
 // Formats that this build could have, and how.
-constexpr std::array<std::pair<std::string_view, std::string_view>, 3> kOptional = {
-    {{".vdb", "this build was made without OpenVDB (-DVOXELPIPE_OPENVDB=ON); nanovdb_convert makes one of a .nvdb"},
+constexpr std::array<std::pair<std::string_view, std::string_view>, 4> kOptional = {
+    {{".h5", "this build was made without HDF5 (-DVOXELPIPE_HDF5=ON)"},
+     {".vdb", "this build was made without OpenVDB (-DVOXELPIPE_OPENVDB=ON); nanovdb_convert makes one of a .nvdb"},
      {".nvdb", "this build was made without NanoVDB (Debian's libnanovdb-dev)"},
      {".html", "this build was made without its viewer, which npm brings (-DVOXELPIPE_VIEWER=ON says why)"}}};
 
@@ -142,6 +147,15 @@ const std::vector<OutputFormat>& List() {
                           .title = "binvox",
                           .open = &MakeBinvoxFile,
                           .not_kept = &NotInBinvox}));
+#ifdef VOXELPIPE_HAVE_HDF5
+    list.push_back({.name = "h5",
+                    .extension = ".h5",
+                    .title = "HDF5 of materials, as gprMax and Meep read it",
+                    .targets = TargetPlaces::kOne,
+                    .open = &MakeH5File,
+                    .keeps = &IsScalar,
+                    .kept_targets = "one number a voxel"});
+#endif
 #ifdef VOXELPIPE_HAVE_NANOVDB
     list.push_back(Collected({.name = "nvdb", .extension = ".nvdb", .title = "NanoVDB", .open = &MakeNvdbFile}));
 #endif

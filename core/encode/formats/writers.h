@@ -33,6 +33,12 @@ std::unique_ptr<ResultFile> MakeNrrdFile(const std::string& path, const JobConte
 // (HoldsLabels), and for each other label of a voxel but 0; names, colours and boxes of voxels are in the header.
 // Memory: the compressed voxels, and up to 65,535 segments.
 std::unique_ptr<ResultFile> MakeSegNrrdFile(const std::string& path, const JobContext* job);
+// Dense, one target of one component: HDF5 as FDTD codes read a geometry; only in builds with VOXELPIPE_HDF5. Dataset
+// `data` (nx, ny, nz), chunked, zlib: of bits and integers int16, the number less 1, so that labels from 1 are
+// materials from 0 and 0 is -1, no material (gprMax), up to 32,768; of halves and floats float32 as they are (Meep).
+// Attributes of the file: `dx_dy_dz`, `origin`, float64 (3). Group `parts`: the columns of the table (part_json.h),
+// names as CleanText makes them. Memory: twice 32 layers, and twice the compressed file.
+std::unique_ptr<ResultFile> MakeH5File(const std::string& path, const JobContext* job);
 // Dense, one target: NIfTI-1, beyond 32,767 voxels an axis NIfTI-2; components are the fifth axis. Bits as uint8 0/1,
 // halves as float32. Memory: a piece, and of interleaved components the compressed ones after the first.
 std::unique_ptr<ResultFile> MakeNiftiFile(const std::string& path, const JobContext* job);
