@@ -7,7 +7,7 @@ import json
 import pathlib
 import pickle
 import subprocess
-from typing import Any, Iterator
+from typing import Any
 
 import numpy
 import pytest
@@ -37,20 +37,6 @@ NAMES = ["block", "core", "lid", "rad ü", "rad ü"]
 GLB = write_scene(BODIES)
 OPTIONS: dict[str, Any] = {"resolution": 40, "parts": "node", "coverage": "none", "label": "label:u8"}
 FILLED: dict[str, Any] = {**OPTIONS, "fill": "nonzero"}
-
-
-@pytest.fixture(params=["in process", "server"])
-def client(request: pytest.FixtureRequest) -> Iterator[Client]:
-    """A client of this process, and one of a server."""
-    if request.param == "server":
-        server: LocalServer = request.getfixturevalue("server")
-        with server.client() as served:
-            yield served
-        return
-    if not core_module.available():
-        pytest.skip("voxelpipe_core is not installed")
-    with InProcessClient() as inside:
-        yield inside
 
 
 @pytest.fixture()

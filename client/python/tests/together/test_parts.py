@@ -6,34 +6,19 @@ import json
 import pathlib
 import struct
 import subprocess
-from typing import Any, Iterator
+from typing import Any
 
 import numpy
 import pytest
 
 import voxelpipe
-from voxelpipe import AsyncClient, Client, InProcessClient, InvalidRequest, LocalServer
-from voxelpipe._calls import core_module
+from voxelpipe import AsyncClient, Client, InvalidRequest, LocalServer
 from voxelpipe.options import make_request
 
 from .. import shapes
 
 LABEL = "label:u16:max"
 NAMES = ("hull", "wheel.l", "wheel.r")
-
-
-@pytest.fixture(params=["in process", "server"])
-def client(request: pytest.FixtureRequest) -> Iterator[Client]:
-    """A client of this process, and one of a server."""
-    if request.param == "server":
-        server: LocalServer = request.getfixturevalue("server")
-        with server.client() as served:
-            yield served
-        return
-    if not core_module.available():
-        pytest.skip("voxelpipe_core is not installed")
-    with InProcessClient() as inside:
-        yield inside
 
 
 def glb(names: tuple[str, ...] = NAMES) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 import asyncio
 import pathlib
 import threading
-from typing import Any, Iterator
+from typing import Any
 
 import numpy
 import pytest
@@ -24,20 +24,6 @@ REQUESTS: list[dict[str, Any]] = [
     {"voxel_size": 0.1, "result": "sparse", "targets": ["u32:max:shader=triangle_id", "f32x3:average:shader=normal"]},
     {"dims": (20, 30, 40), "result": "buckets", "coverage": "thin", "targets": "u32:replace:shader=triangle_id"},
 ]
-
-
-@pytest.fixture(params=["in process", "server"])
-def client(request: pytest.FixtureRequest) -> Iterator[Client]:
-    """A client of this process, and one of a server."""
-    if request.param == "server":
-        server: LocalServer = request.getfixturevalue("server")
-        with server.client() as served:
-            yield served
-        return
-    if not core_module.available():
-        pytest.skip("voxelpipe_core is not installed")
-    with InProcessClient() as inside:
-        yield inside
 
 
 def matrix(turn: float = 0.0, move: tuple[float, float, float] = (0, 0, 0), scale: float = 1.0) -> shapes.Array:
