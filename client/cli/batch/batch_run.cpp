@@ -263,7 +263,6 @@ class Run {
   absl::Status DoItem(const BatchItem& item, size_t worker, std::vector<std::unique_ptr<Engine>>& engines,
                       ItemReport& report) {
     try {
-      if (absl::Status s = CheckOutputs(item); !s.ok()) return s;
       const JobContext reading;
       absl::StatusOr<Prepared> prepared = Prepare(item, reading);
       if (!prepared.ok()) return prepared.status();
@@ -271,6 +270,7 @@ class Run {
         Claim::RemoveDead(plan_.output_dir, item, *presence_);
         return absl::OkStatus();
       }
+      if (absl::Status s = CheckOutputs(item); !s.ok()) return s;  // before anything is written
       const absl::StatusOr<std::optional<Claim>> claim = Claim::Take(plan_.output_dir, item, *presence_);
       if (!claim.ok()) return claim.status();
       if (!claim->has_value()) return absl::OkStatus();
