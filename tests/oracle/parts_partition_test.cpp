@@ -168,13 +168,13 @@ std::vector<Body> AnalyticBodies() {
 TEST(PartsPartitionTest, LabelsHoldTheVolumesOfTheirBodies) {
   const std::vector<Body> bodies = AnalyticBodies();
   const TriangleMesh mesh = AsNodes(bodies);
-  for (const int steps : {25, 50, 100}) {
+  for (const int steps : {50, 100, 200}) {
     const double h = 1.0 / steps;
     GridRequest grid = UnitGrid(2 * steps + 3, 2 * steps + 3, steps + 2);
     grid.voxel_size = Vec3d{h, h, h};
     grid.origin = Vec3d{-0.5 - h, -0.5 - h, -0.5 - h};
     for (const Fill fill : {Fill::kParity, Fill::kNonzero}) {
-      if (fill == Fill::kParity && steps == 100) continue;
+      if (fill == Fill::kParity && steps == 200) continue;
       const std::vector<uint32_t> labels = Labels(mesh, grid, fill, false);
       for (size_t b = 0; b < bodies.size(); ++b) {
         const double counted = double(std::count(labels.begin(), labels.end(), uint32_t(b + 1))) * h * h * h;
