@@ -1,4 +1,4 @@
-"""usage: slurm_test.py VOXELPIPE SOURCE_DIR WORK_DIR [--meshes N] [--resolution N]
+"""usage: slurm_test.py VOXELPIPE SOURCE_DIR WORK_DIR [--meshes N] [--triangles N]
 
 The scripts of docker/slurm on a real Slurm with one node, this machine: a list in 8 shards, of which one task is
 cancelled and put back into the queue, and one killed (-9), then the same list in 5 shards. No item may be done twice,
@@ -8,6 +8,7 @@ with --gres=gpu. Exit 77, with the reason, where Slurm is not installed.
 import argparse
 import collections
 import hashlib
+import itertools
 import json
 import os
 import pathlib
@@ -24,29 +25,42 @@ parser.add_argument("voxelpipe", type=lambda path: pathlib.Path(path).resolve())
 parser.add_argument("source", type=lambda path: pathlib.Path(path).resolve())
 parser.add_argument("work", type=lambda path: pathlib.Path(path).resolve())
 parser.add_argument("--meshes", type=int, default=80)
-parser.add_argument("--resolution", type=int, default=160)
+parser.add_argument("--triangles", type=int, default=300_000)  # of a mesh: reading them is the work of an item
 GIVEN = parser.parse_args()
 sys.path.insert(0, str(GIVEN.source / "tests/slurm"))
 import cluster as slurm  # noqa: E402
 
 SCRIPTS = GIVEN.source / "docker/slurm"
+MESHES = 4
 PATIENCE = 300 + GIVEN.meshes  # seconds, for an array to end
 ENDED = {"COMPLETED", "FAILED", "CANCELLED", "NODE_FAIL", "TIMEOUT", "OUT_OF_MEMORY"}
 
 
 def write_meshes(directory):
-    """Boxes of different sizes in OFF, and their list."""
+    """A few boxes of many triangles in OFF, and a list of items that voxelize one of them each.
+
+    An item takes a tenth of a second and more, most of it to read its text, so that tasks are met in their midst.
+    """
     directory.mkdir()
-    corners = [(i & 1, i >> 1 & 1, i >> 2) for i in range(8)]
-    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
-    lines = []
-    for number in range(GIVEN.meshes):
-        size = (1, 0.5 + number % 7 / 8, 0.5 + number % 11 / 12 + number / 1e5)
-        text = "OFF\n8 6 12\n" + "".join(f"{x * size[0]} {y * size[1]} {z * size[2]}\n" for x, y, z in corners)
-        text += "".join("4 %d %d %d %d\n" % quad for quad in quads)
-        (directory / f"m{number}.off").write_text(text)
-        lines.append(json.dumps({"input": f"m{number}.off", "id": f"d{number % 10}/m{number}"}) + "\n")
-    (directory / "list.jsonl").write_text("".join(lines))
+    side = max(1, round((GIVEN.triangles / 12) ** 0.5))  # squares along an edge of a box
+    for mesh in range(MESHES):
+        size = (1, 0.5 + mesh / 8, 0.7 + mesh / 11)
+        corners, squares = [], []
+        for axis, high in itertools.product(range(3), (0, 1)):
+            first = len(corners)
+            for u, v in itertools.product(range(side + 1), repeat=2):
+                corner = {axis: high, (axis + 1) % 3: u / side, (axis + 2) % 3: v / side}
+                corners.append("%.6f %.6f %.6f\n" % tuple(corner[a] * size[a] for a in range(3)))
+            for u, v in itertools.product(range(side), repeat=2):
+                a, b = first + u * (side + 1) + v, first + (u + 1) * (side + 1) + v
+                squares.append(f"4 {a} {b} {b + 1} {a + 1}\n" if high else f"4 {a} {a + 1} {b + 1} {b}\n")
+        text = f"OFF\n{len(corners)} {len(squares)} 0\n" + "".join(corners) + "".join(squares)
+        (directory / f"m{mesh}.off").write_text(text)
+    items = [
+        {"input": f"m{number % MESHES}.off", "id": f"d{number % 10}/m{number}", "resolution": 32 + number % 61}
+        for number in range(GIVEN.meshes)
+    ]
+    (directory / "list.jsonl").write_text("".join(json.dumps(item) + "\n" for item in items))
     return directory / "list.jsonl"
 
 
@@ -93,7 +107,7 @@ class Array:
     def __init__(self, cluster, output, count, *sbatch, batch=(), **variables):
         self.cluster, self.output, self.count = cluster, output, count
         options = [f"--array=0-{count - 1}", "--cpus-per-task=1", *sbatch]
-        arguments = [str(LIST), str(output), "--resolution", str(GIVEN.resolution), *batch]
+        arguments = [str(LIST), str(output), *batch]
         text = cluster.run(SCRIPTS / "submit.sh", *options, "--", *arguments, **variables)
         self.job = text.split()[-1]
         self.aggregate = re.search(r"Submitted batch job (\d+)", text)[1]
@@ -161,7 +175,7 @@ def main():
     os.environ["PATH"] = f"{GIVEN.voxelpipe.parent}:{os.environ['PATH']}"
     begin = time.monotonic()
     command = [GIVEN.voxelpipe, "batch", LIST, "--output-dir", GIVEN.work / "whole", "--threads", "1", "--jobs", "2"]
-    subprocess.run([*command, "--resolution", str(GIVEN.resolution)], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     whole = tree(GIVEN.work / "whole")
     print(f"slurm: undisturbed {GIVEN.meshes} meshes, {len(whole)} files, {time.monotonic() - begin:.1f} s")
 
