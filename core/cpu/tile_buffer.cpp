@@ -115,13 +115,19 @@ void TileBuffer::DropBelow(int row, std::span<const uint16_t> ranks) {
   ForEachBit(presence, [&](int bit) { presence &= ~(uint32_t(ranks[size_t(bit)] > own[bit]) << bit); });
 }
 
+// Apart: it would cost all other blends some registers.
+[[gnu::noinline]] void TileBuffer::KeepRanks(int first, int last, uint32_t rank) {
+  std::fill(ranks_.begin() + first, ranks_.begin() + last + 1, uint16_t(rank));
+}
+
 void TileBuffer::Blend(TileSpan span, const BlendValue& value, uint32_t triangle, uint32_t rank) {
   const int row = span.row();
   const uint32_t mask = span.mask(), before = presence_[size_t(row)];
   if (before == 0) BeginRow(row);
   presence_[size_t(row)] = before | mask;
   const int first = row * 32 + span.first(), last = row * 32 + span.last();
-  if (!ranks_.empty()) std::fill(ranks_.begin() + first, ranks_.begin() + last + 1, uint16_t(rank));
+  if (!ranks_.empty()) [[unlikely]]
+    KeepRanks(first, last, rank);
   switch (kept_) {
     case Kept::kBits: {
       uint32_t& bits = bits_[size_t(row)];

@@ -50,6 +50,8 @@ class TileBuffer {
   enum class Kept : uint8_t { kBits, kCells, kSums, kCounts, kAverages };
 
   void BeginRow(int row);
+  // Of the voxels from first to last.
+  void KeepRanks(int first, int last, uint32_t rank);
   // Of the voxels in `mask`, those in which the triangle is the first so far.
   uint32_t FirstIn(int row, uint32_t mask, uint32_t before, uint32_t triangle);
   template <typename Update>
