@@ -79,5 +79,50 @@ TEST(CheckedListsTest, TheSinkGetsNothingThatPointsOutside) {
   EXPECT_TRUE(refused({3, 63}, {0, 2, 4}));
 }
 
+// A dense result of 4 x 4 x 4 voxels and two parts, in pieces of three bytes.
+absl::Status SendParts(const std::vector<uint32_t>& labels, const std::vector<uint64_t>& name_offsets, Noting& sink) {
+  VoxelizeRequest request;
+  request.targets[0].format = VoxelFormat::kU8;
+  GridSpec grid;
+  grid.dims = {4, 4, 4};
+  CheckedLists checked(sink);
+  if (absl::Status s = checked.Begin(DenseHeader(request, grid, {2, false, 7})); !s.ok()) return s;
+  const std::string arrays[] = {std::string(64, 'v'),      Bytes(labels),       Bytes<int32_t>({0, -1}),
+                                Bytes<uint64_t>({12, 10}), Bytes(name_offsets), "hullleg"};
+  for (size_t i = 0; i < std::size(arrays); ++i) {
+    for (size_t at = 0; at < arrays[i].size(); at += 3) {
+      const std::string piece = arrays[i].substr(at, 3);
+      if (absl::Status s = checked.Write(i, {reinterpret_cast<const uint8_t*>(piece.data()), piece.size()}); !s.ok()) {
+        return s;
+      }
+    }
+  }
+  return checked.Finish();
+}
+
+TEST(CheckedListsTest, TheSinkGetsTheTableOfPartsWhenItAgrees) {
+  Noting sink;
+  ASSERT_TRUE(SendParts({1, 7}, {0, 4, 7}, sink).ok());
+  EXPECT_EQ(sink.arrays,
+            (std::vector<std::string>{std::string(64, 'v'), Bytes<uint32_t>({1, 7}), Bytes<int32_t>({0, -1}),
+                                      Bytes<uint64_t>({12, 10}), Bytes<uint64_t>({0, 4, 7}), "hullleg"}));
+}
+
+TEST(CheckedListsTest, TheSinkGetsNoTableOfPartsThatPointsOutside) {
+  const auto refused = [](const std::vector<uint32_t>& labels, const std::vector<uint64_t>& name_offsets) {
+    Noting sink;
+    const absl::Status status = SendParts(labels, name_offsets, sink);
+    std::vector<std::string> values_alone(6);
+    values_alone[0] = std::string(64, 'v');
+    return status.code() == absl::StatusCode::kDataLoss && sink.arrays == values_alone;
+  };
+  EXPECT_TRUE(refused({1, 0}, {0, 4, 7})) << "a label of 0";
+  EXPECT_TRUE(refused({1, 7}, {1, 4, 7}));
+  EXPECT_TRUE(refused({1, 7}, {0, 8, 7}));
+  EXPECT_TRUE(refused({1, 7}, {0, UINT64_MAX, 7}));
+  EXPECT_TRUE(refused({1, 7}, {0, 4, 3}));
+  EXPECT_TRUE(refused({1, 7}, {0, 4, 6}));
+}
+
 }  // namespace
 }  // namespace voxelpipe

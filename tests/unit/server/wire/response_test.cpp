@@ -217,6 +217,66 @@ TEST(ResponseTest, AHeaderThatDiffersFromTheRequestIsNotBelieved) {
   }
 }
 
+// A request that cuts the mesh into parts, and the header of its result.
+VoxelizeRequest WithParts(ResultKind kind, Fill fill) {
+  VoxelizeRequest request = Colours(kind);
+  request.fill = fill;
+  request.parts.scope = PartScope::kNode;
+  return request;
+}
+ResultHeader PartsHeader(const VoxelizeRequest& request, uint64_t parts, uint64_t name_bytes) {
+  return MakeResultHeader(request, SampleGrid(), 2, 17, 40, {parts, FillsParts(request), name_bytes});
+}
+
+TEST(ResponseTest, TheArraysOfPartsComeBack) {
+  for (const auto& [kind, fill] : {std::pair{ResultKind::kDense, Fill::kParity},
+                                   {ResultKind::kSparse, Fill::kNonzero},
+                                   {ResultKind::kBuckets, Fill::kNone},
+                                   {ResultKind::kDense, Fill::kNone}}) {
+    const VoxelizeRequest request = WithParts(kind, fill);
+    for (const uint64_t parts : {uint64_t{0}, uint64_t{1}, uint64_t{65'535}}) {
+      const ResultHeader header = PartsHeader(request, parts, parts == 1 ? 0 : 1000);
+      const auto back = FromMessage(ToMessage(header, request), request);
+      ASSERT_TRUE(back.ok()) << back.status();
+      EXPECT_EQ(back->arrays, header.arrays);
+      EXPECT_EQ(back->parts(), header.parts());
+    }
+  }
+}
+
+TEST(ResponseTest, ArraysOfPartsThatDifferFromTheRequestAreNotBelieved) {
+  for (const Fill fill : {Fill::kNone, Fill::kParity}) {
+    const VoxelizeRequest request = WithParts(ResultKind::kDense, fill);
+    const v1::ResultHeader honest = ToMessage(PartsHeader(request, 3, 12), request);
+    const auto refused = [&](const VoxelizeRequest& asked, auto change) {
+      v1::ResultHeader header = honest;
+      change(header);
+      return FromMessage(header, asked).status().code() == absl::StatusCode::kDataLoss;
+    };
+    EXPECT_FALSE(refused(request, [](auto&) {}));
+    VoxelizeRequest whole = request;
+    whole.parts = {};
+    EXPECT_TRUE(refused(whole, [](auto&) {})) << "parts that were not asked for";
+    VoxelizeRequest other = request;
+    other.fill = fill == Fill::kNone ? Fill::kParity : Fill::kNone;
+    EXPECT_TRUE(refused(other, [](auto&) {})) << "counts of a fill";
+    EXPECT_TRUE(refused(request, [](auto& h) { h.mutable_arrays()->RemoveLast(); }));
+    EXPECT_TRUE(refused(request, [](auto& h) { *h.add_arrays() = h.arrays(2); }));
+    for (int i = int(request.targets.size()); i < honest.arrays_size(); ++i) {
+      SCOPED_TRACE(honest.arrays(i).name());
+      EXPECT_TRUE(refused(request, [i](auto& h) { h.mutable_arrays(i)->set_name("other"); }));
+      EXPECT_TRUE(refused(request, [i](auto& h) { h.mutable_arrays(i)->set_element_type(v1::ELEMENT_TYPE_F32); }));
+      EXPECT_TRUE(refused(request, [i](auto& h) { h.mutable_arrays(i)->clear_shape(); }));
+      EXPECT_TRUE(refused(request, [i](auto& h) { h.mutable_arrays(i)->add_shape(1); }));
+      for (const int64_t size : {int64_t{-1}, int64_t{0}, INT64_MAX}) {
+        const bool no_names = size == 0 && i + 1 == honest.arrays_size();
+        EXPECT_NE(refused(request, [&](auto& h) { h.mutable_arrays(i)->set_shape(0, size); }), no_names) << size;
+      }
+    }
+    EXPECT_TRUE(refused(request, [&](auto& h) { h = ToMessage(PartsHeader(request, 65'536, 12), request); }));
+  }
+}
+
 TEST(ResponseTest, ListsThatTheGridCannotHoldAreNotBelieved) {
   // 7 x 8 x 9 voxels: 504, in two bricks.
   const auto believed = [](ResultKind kind, uint64_t bricks, uint64_t voxels, uint64_t fragments) {
