@@ -16,7 +16,7 @@ nlohmann::ordered_json PartsJson(const PartTable& parts);
 // The most memory that PartsJson and the text of it take, for a table of this shape.
 uint64_t PartsJsonBytes(const PartShape& shape);
 
-// The text of a JSON value with names in it that strangers chose: bytes that are not UTF-8 become U+FFFD, and control
+// The text of a JSON value with names in it that are untrusted input: bytes that are not UTF-8 become U+FFFD, and control
 // characters of every kind are escaped (EscapeControls). `indent`: spaces a level, -1 for one line.
 std::string JsonTextOf(const nlohmann::ordered_json& json, int indent);
 

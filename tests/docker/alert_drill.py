@@ -187,7 +187,7 @@ def run_drill(repository, programs, work, stack):
         command = [client, *map(str, arguments)]
         return subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
 
-    # Nothing else is wrong with three servers that nobody uses.
+    # Nothing else is wrong with three idle servers.
     drill.expect("VoxelpipeCertificateExpires", guarded)
     time.sleep(2)
     assert prometheus.firing() == {("VoxelpipeCertificateExpires", guarded.http)}, prometheus.firing()

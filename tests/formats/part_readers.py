@@ -60,7 +60,7 @@ def check_segments(keys, array, names):
 
 
 class Assembly:
-    """Boxes that are parts, with names that strangers may choose; the .npz of it is the reference."""
+    """Boxes that are parts, with hostile names; the .npz of it is the reference."""
 
     NAMES = ["body", "</Array>]]>&amp;<b>\"'", "line\nbreak := \\n", "Fl\u00fcgel", "boom"]
     LABELS = [3, 1, 3, 200, 7]  # two parts of one label

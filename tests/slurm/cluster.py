@@ -1,4 +1,4 @@
-"""A cluster of Slurm with one node, this machine, in a directory of its own: daemons, sockets and ports of nobody else.
+"""A cluster of Slurm with one node, this machine, in a directory of its own: daemons, sockets and ports of its own.
 
 Needs root, and Debian's packages of docker/packages-slurm.txt.
 """

@@ -291,7 +291,7 @@ ordered_json AggregateJson(const Aggregate& all) {
 }
 
 Lines AggregateTable(const Aggregate& all) {
-  constexpr size_t kMostReasons = 20, kMostShards = 10;
+  constexpr size_t kMaxReasons = 20, kMaxShards = 10;
   Lines lines = {absl::StrCat(all.manifest, ": ", WithCommas(all.items), " items, ", all.reports,
                               all.reports == 1 ? " report" : " reports")};
   const std::string warned = all.warned == 0 ? "" : absl::StrCat(", ", WithCommas(all.warned), " with warnings");
@@ -303,22 +303,22 @@ Lines AggregateTable(const Aggregate& all) {
   std::vector<std::pair<FailureReason, FailureCount>> reasons(all.reasons.begin(), all.reasons.end());
   std::stable_sort(reasons.begin(), reasons.end(),
                    [](const auto& a, const auto& b) { return a.second.count > b.second.count; });
-  for (size_t i = 0; i < std::min(reasons.size(), kMostReasons); ++i) {
+  for (size_t i = 0; i < std::min(reasons.size(), kMaxReasons); ++i) {
     const auto& [reason, count] = reasons[i];
     lines.push_back(absl::StrCat("    ", WithCommas(count.count), " x ", reason.code,
                                  reason.permanent ? "" : " (may pass)", ": ", reason.text, "; line ",
                                  count.example.line, ", ", count.example.id));
   }
-  if (reasons.size() > kMostReasons) {
-    lines.push_back(absl::StrCat("    and ", reasons.size() - kMostReasons, " further reasons (--json)"));
+  if (reasons.size() > kMaxReasons) {
+    lines.push_back(absl::StrCat("    and ", reasons.size() - kMaxReasons, " further reasons (--json)"));
   }
   lines.push_back(TableRow("missing", WithCommas(all.missing)));
   if (!all.shards_without_report.empty()) {
     std::string shards;
-    for (size_t i = 0; i < std::min(all.shards_without_report.size(), kMostShards); ++i) {
+    for (size_t i = 0; i < std::min(all.shards_without_report.size(), kMaxShards); ++i) {
       absl::StrAppend(&shards, shards.empty() ? "" : ", ", all.shards_without_report[i]);
     }
-    const size_t more = all.shards_without_report.size() - std::min(all.shards_without_report.size(), kMostShards);
+    const size_t more = all.shards_without_report.size() - std::min(all.shards_without_report.size(), kMaxShards);
     lines.push_back(
         absl::StrCat("    no report of shards ", shards, more == 0 ? "" : absl::StrCat(" and ", more, " more")));
   }

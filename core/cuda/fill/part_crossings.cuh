@@ -222,7 +222,8 @@ class PaintedRow {
   uint32_t word_ = 0;
 };
 
-// Sums signs, or counts crossings, part by part from the last voxel of the row on, and paints where a part's are inside.
+// Sums signs, or counts crossings, part by part from the last voxel of the row on. Paints the voxels whose centre lies
+// inside of the part.
 __device__ inline void SweepRow(const PartSweepArgs& args, uint64_t row) {
   const uint32_t lane = threadIdx.x % 32;
   const uint64_t begin = args.begin[row], end = args.end[row];

@@ -3,7 +3,7 @@
 //
 // Crossings are listed in one pass over the triangles and sorted by row, rank and place (part_crossings.cuh). A warp
 // then sweeps a row: each part paints what is inside and not yet painted, so that every voxel is written once. Memory
-// goes by crossings, not by parts times voxels. If a slab's do not fit, its rows are taken in several ranges.
+// is proportional to crossings, not to parts times voxels. If a slab's do not fit, its rows are taken in ranges.
 #include <algorithm>
 #include <bit>
 #include <vector>

@@ -1,4 +1,5 @@
-// Radix sorts: of 32-bit key-value pairs, stable, and of 64-bit keys alone. Wraps CUB, whose instances compile slowly, in one translation unit.
+// Radix sorts: of 32-bit key-value pairs, stable, and of 64-bit keys alone. Wraps CUB, whose instances compile slowly,
+// in one translation unit.
 #pragma once
 
 #include <array>

@@ -191,7 +191,7 @@ SERVER = [
     ),
     ("no budget", lambda d: d.remove(only(d, "PodDisruptionBudget")), "without ['PodDisruptionBudget']"),
     (
-        "scaling by a metric that nobody has",
+        "scaling by a metric that does not exist",
         lambda d: only(d, "HorizontalPodAutoscaler")["spec"]["metrics"][0]["pods"]["metric"].update(
             name="queue_seconds"
         ),

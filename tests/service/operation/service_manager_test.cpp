@@ -78,7 +78,7 @@ TEST_F(ServiceManagerTest, AStoppedProcessGivesNoSignOfLife) {
   EXPECT_EQ(socket_.Receive(kPatience), "WATCHDOG=1");
 }
 
-// As the unit has it: the manager is told before the first call is refused, and no call that was under way is lost.
+// As the unit has it: the manager hears of it before the first call is refused, and no call that was under way is lost.
 TEST_F(ServiceManagerTest, SigtermUnderLoadLosesNoCall) {
   const std::unique_ptr<ServerProcess> server =
       StartServer({"--log-level", "error", "--lame-duck-ms", "1500", "--workers", "2"});

@@ -111,7 +111,7 @@ inline void AddParts(VoxelizeResult& result, const std::vector<SamplePart>& part
   }
 }
 
-// Names as strangers choose them, and as CleanText shows them.
+// Hostile names, and as CleanText shows them.
 inline const std::vector<std::pair<std::string, std::string>>& HostileNames() {
   static const std::vector<std::pair<std::string, std::string>> names = {
       {"plain", "plain"},
