@@ -8,9 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
-#include <unordered_map>
 
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_replace.h"
 #include "batch/manifest.h"
@@ -29,6 +27,8 @@ absl::Status Wrong(const Parts&... parts) {
   return absl::InvalidArgumentError(absl::StrCat(parts...));
 }
 
+constexpr int64_t kMaxLine = 100'000'000;  // of a list; each takes 12 bytes
+
 enum class Outcome : uint8_t { kMissing, kDone, kFailed };
 
 // An item of one report.
@@ -42,6 +42,7 @@ struct Entry {
 
 struct Report {
   std::string path, manifest, sha256, ended;
+  std::string wrong;  // why it is none; empty if it is one
   Shard shard;
   std::vector<Entry> entries;
   std::vector<FailedItem> failures;
@@ -65,7 +66,12 @@ FailureReason ReasonOf(const FailedItem& item, const std::string& input) {
 
 void AddItem(const ordered_json& json, Report& report) {
   Entry entry;
-  entry.line = json.at("line").get<uint32_t>();
+  const auto line = json.at("line").get<int64_t>();
+  if (line < 1 || line > kMaxLine) {
+    report.wrong = absl::StrCat("an item of line ", line);
+    return;
+  }
+  entry.line = uint32_t(line);
   const std::string status = json.at("status").get<std::string>();
   if (status == "failed") {
     const ordered_json& error = json.at("error");
@@ -111,6 +117,7 @@ absl::StatusOr<Report> ReadReport(const std::string& path) {
   } catch (const nlohmann::json::exception& error) {
     return Wrong(path, ": is no report of batch: ", error.what());
   }
+  if (!report.wrong.empty()) return Wrong(path, ": is no report of batch: ", report.wrong);
   return report;
 }
 

@@ -263,6 +263,8 @@ class Run {
   absl::Status DoItem(const BatchItem& item, size_t worker, std::vector<std::unique_ptr<Engine>>& engines,
                       ItemReport& report) {
     try {
+      // Before the inputs are read: an item that another run has is looked at again and again.
+      if (Claim::IsTaken(plan_.output_dir, item, *presence_)) return absl::OkStatus();
       const JobContext reading;
       absl::StatusOr<Prepared> prepared = Prepare(item, reading);
       if (!prepared.ok()) return prepared.status();

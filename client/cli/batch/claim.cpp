@@ -51,8 +51,13 @@ std::string ClaimPath(const std::string& output_dir, const BatchItem& item) {
 absl::StatusOr<std::optional<Claim>> Claim::Take(const std::string& output_dir, const BatchItem& item,
                                                  const RunPresence& run) {
   const std::string path = ClaimPath(output_dir, item);
+  bool has_leftovers = false;
   for (;;) {
-    if (symlink(run.id().c_str(), path.c_str()) == 0) return Claim(path, run.id());
+    if (symlink(run.id().c_str(), path.c_str()) == 0) {
+      // Not before the item is ours: a run that took it over first may be writing it.
+      if (has_leftovers) RemoveLeftovers(output_dir, item, run);
+      return Claim(path, run.id());
+    }
     const int error = errno;
     if (error == ENOENT) {
       std::error_code failed;
@@ -68,8 +73,13 @@ absl::StatusOr<std::optional<Claim>> Claim::Take(const std::string& output_dir, 
     if (owner == run.id()) return Claim(path, run.id());
     if (run.IsAlive(owner)) return std::nullopt;
     RemoveDeadClaim(path, owner);
-    RemoveLeftovers(output_dir, item);
+    has_leftovers = true;
   }
+}
+
+bool Claim::IsTaken(const std::string& output_dir, const BatchItem& item, const RunPresence& run) {
+  const std::string owner = TextOfLink(ClaimPath(output_dir, item));
+  return !owner.empty() && owner != run.id() && run.IsAlive(owner);
 }
 
 void Claim::RemoveDead(const std::string& output_dir, const BatchItem& item, const RunPresence& run) {
@@ -86,7 +96,7 @@ Claim::~Claim() {
   if (!path_.empty() && TextOfLink(path_) == id_) unlink(path_.c_str());
 }
 
-void RemoveLeftovers(const std::string& output_dir, const BatchItem& item) {
+void RemoveLeftovers(const std::string& output_dir, const BatchItem& item, const RunPresence& run) {
   std::unordered_set<std::string> ours;
   std::set<fs::path> directories;
   const auto add = [&](const fs::path& path) {
@@ -109,6 +119,8 @@ void RemoveLeftovers(const std::string& output_dir, const BatchItem& item) {
       const std::string path = at->path().string();
       const std::string stem = AtomicFile::StemOf(path);
       if (stem.empty() || !ours.contains(stem)) continue;
+      const std::string owner = TextOfLink(path);  // of a claim that another run has moved aside for a moment
+      if (!owner.empty() && (owner == run.id() || run.IsAlive(owner))) continue;
       std::error_code gone;
       fs::remove_all(path, gone);
     }

@@ -25,6 +25,8 @@ class Claim {
   // system's, as IsOutputError.
   static absl::StatusOr<std::optional<Claim>> Take(const std::string& output_dir, const BatchItem& item,
                                                    const RunPresence& run);
+  // True if another run that is alive has the item, so that Take would give nothing.
+  static bool IsTaken(const std::string& output_dir, const BatchItem& item, const RunPresence& run);
   Claim(Claim&& other) noexcept;
   Claim& operator=(Claim&&) = delete;
   ~Claim();
@@ -39,7 +41,8 @@ class Claim {
   std::string id_;
 };
 
-// Removes temporary files of this item's outputs, record and claim. No other process may be writing them.
-void RemoveLeftovers(const std::string& output_dir, const BatchItem& item);
+// Removes temporary files of this item's outputs and record, and of claims of dead runs. No other process may be
+// writing them: `run` has the item.
+void RemoveLeftovers(const std::string& output_dir, const BatchItem& item, const RunPresence& run);
 
 }  // namespace voxelpipe::cli

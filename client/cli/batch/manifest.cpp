@@ -28,17 +28,26 @@ bool IsBlank(std::string_view text) {
   return text.find_first_not_of(" \t\r") == std::string_view::npos;
 }
 
+// DATA_LOSS unless it is for good: another attempt may find the file.
+absl::Status CannotBeRead(const std::string& path, int error) {
+  const std::string text = absl::StrCat(path, ": cannot be read: ", std::strerror(error));
+  const bool for_good = error == EACCES || error == ENOTDIR || error == ELOOP || error == ENAMETOOLONG;
+  return for_good ? absl::InvalidArgumentError(text) : absl::DataLossError(text);
+}
+
 // The lines of a file that are not blank.
 class LineReader {
  public:
   static absl::StatusOr<LineReader> Open(const std::string& path) {
     std::error_code error;
-    if (!fs::exists(path, error)) return absl::NotFoundError(absl::StrCat(path, ": no such file"));
+    const bool exists = fs::exists(path, error);
+    if (error) return CannotBeRead(path, error.value());
+    if (!exists) return absl::NotFoundError(absl::StrCat(path, ": no such file"));
     if (fs::is_directory(path, error)) return Wrong(path, ": is a directory");
     LineReader reader(path);
     errno = 0;
     reader.file_.open(path, std::ios::binary);
-    if (!reader.file_) return Wrong(path, ": cannot be read: ", std::strerror(errno));
+    if (!reader.file_) return CannotBeRead(path, errno);
     return reader;
   }
 

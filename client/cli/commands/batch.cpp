@@ -117,7 +117,12 @@ absl::StatusOr<BatchResult> Run(const BatchPlan& plan, ManifestReader& list, con
   if (!result.ok()) return result;
   view.ShowEnded(result->totals.ended(), result->totals.failed);
   view.Finish();
-  if (!facts->ok()) return facts->status();
+  if (!facts->ok()) facts = list.Scan();  // the file may be there again
+  if (!facts->ok()) {
+    result->report = facts->status();
+    PrintError("batch", absl::StrCat(ErrorText(result->report), "; there is no report"));
+    return result;
+  }
   BatchTotals& totals = result->totals;
   totals.items = std::max<size_t>(totals.items, ItemsOf(plan.shard, (*facts)->items));
   totals.left = totals.items - totals.ended();
@@ -130,9 +135,11 @@ absl::StatusOr<BatchResult> Run(const BatchPlan& plan, ManifestReader& list, con
 
 int Batch(BatchArguments& arguments) {
   const BatchPlan& plan = arguments.plan;
-  const auto usage_error = [](const absl::Status& status) {
+  // A list that cannot be read for the moment is no mistake of the user's.
+  const auto exit_code_of = [](const absl::Status& status) { return absl::IsDataLoss(status) ? 1 : 2; };
+  const auto usage_error = [&](const absl::Status& status) {
     PrintError("", status);
-    return 2;
+    return exit_code_of(status);
   };
   if (const absl::Status status = Prepare(arguments); !status.ok()) return usage_error(status);
   absl::StatusOr<ManifestReader> list = ManifestReader::Open(plan.manifest, arguments.defaults, plan.shard);
@@ -150,7 +157,8 @@ int Batch(BatchArguments& arguments) {
     PrintError("batch", absl::StrCat(StoppedReason(signal), ", ", totals.left, " items are left"));
     return StoppedExitCode(signal);
   }
-  for (const auto& [error, exit_code] : {std::pair(result->list, 2), std::pair(result->gone, 1)}) {
+  for (const auto& [error, exit_code] :
+       {std::pair(result->list, exit_code_of(result->list)), std::pair(result->gone, 1)}) {
     if (error.ok()) continue;
     PrintError("batch", absl::StrCat(ErrorText(error), "; ", totals.left, " items are left"));
     return exit_code;

@@ -67,6 +67,16 @@ def voxelize_to_disk(path: str, *arguments: Any) -> str:
     return path
 
 
+def is_of(shard: Shard, chunk: list[str], resolution: int) -> bool:
+    """True if the shard was made of these meshes at this resolution."""
+    names, bits, failed = shard
+    return (
+        set(names) <= set(chunk)
+        and len(names) + len(failed) == len(chunk)
+        and (not len(bits) or bits.shape[1] == (resolution**3 + 7) // 8)
+    )
+
+
 def main() -> None:
     """Parses the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -97,6 +107,8 @@ def main() -> None:
             path = given.out.resolve() / f"shard-{number:05}.npz"
             if path.exists():
                 shards[number] = read(path)
+                if not is_of(shards[number], chunk, given.resolution):
+                    parser.error(f"{path} is of other meshes, or of another resolution; choose another OUT_FOLDER")
             else:
                 tasks[dask.submit(voxelize_to_disk, str(path), *arguments, retries=RETRIES)] = number
         # Each result is fetched as soon as it is there: a worker that dies then loses only what it works on.

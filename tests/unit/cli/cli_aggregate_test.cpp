@@ -188,6 +188,15 @@ TEST_F(CliAggregate, WhatDoesNotBelongTogetherIsRefused) {
   EXPECT_THAT(Refused({directory_ / "text.json"}), HasSubstr("text.json: is no report of batch"));
   std::ofstream(directory_ / "other.json") << "{\"items\": [{\"line\": 1}]}";
   EXPECT_THAT(Refused({directory_ / "other.json"}), HasSubstr("other.json: is no report of batch"));
+  const std::vector<uint8_t> bytes = ReadFile(report);
+  const std::string whole(bytes.begin(), bytes.end()), line = "\"line\":1";
+  ASSERT_THAT(whole, HasSubstr(line));
+  for (const char* number : {"0", "-1", "4294967295", "4000000000"}) {
+    std::string damaged = whole;
+    damaged.replace(damaged.find(line), line.size(), std::string("\"line\":") + number);
+    std::ofstream(directory_ / "line.json") << damaged;
+    EXPECT_THAT(Refused({directory_ / "line.json"}), HasSubstr(std::string("an item of line ") + number));
+  }
   std::ofstream(directory_ / "list2.jsonl") << R"({"input":"a.glb","id":"x"})";
   const std::string other = Batch("0/1", 0, directory_ / "list2.jsonl");
   EXPECT_THAT(Refused({report, other}), HasSubstr("is of another list than"));

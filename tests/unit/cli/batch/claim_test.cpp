@@ -8,13 +8,17 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
+#include <barrier>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "batch/done_record.h"
+#include "encode/atomic_file.h"
 #include "support/resources/temporary_directory.h"
 
 namespace voxelpipe::cli {
@@ -137,6 +141,52 @@ TEST_F(ClaimTest, ARunRenewsItsFileAndMakesItAgain) {
   fs::remove(file);
   run.Beat();
   EXPECT_TRUE(fs::exists(file));
+}
+
+// Several runs find the claim of a dead one: those that do not get the item leave the files of the one that does.
+TEST_F(ClaimTest, ARunThatTakesOverKeepsItsFiles) {
+  const BatchItem item = Item("a");
+  std::vector<RunPresence> runs;
+  for (int i = 0; i < 4; ++i) runs.push_back(Begin());
+  for (int round = 0; round < 300; ++round) {
+    ClaimBy("no run", item);
+    std::barrier start(int(runs.size()));
+    std::atomic<int> claims{0}, lost{0};
+    std::vector<std::thread> threads;
+    for (const RunPresence& run : runs) {
+      threads.emplace_back([&] {
+        start.arrive_and_wait();
+        const absl::StatusOr<std::optional<Claim>> claim = Claim::Take(out_, item, run);
+        const std::string file = AtomicFile::TemporaryName(out_ + "/a.npy");
+        if (claim.ok() && claim->has_value()) {
+          ++claims;
+          std::ofstream(file) << "half";
+        }
+        start.arrive_and_wait();  // all have asked
+        if (claim.ok() && claim->has_value() && !fs::remove(file)) ++lost;
+        start.arrive_and_wait();
+      });
+    }
+    for (std::thread& thread : threads) thread.join();
+    ASSERT_GE(claims, 1);
+    if (claims == 1) {  // two may have it if the claim was aside for a moment; they then write the same bytes
+      ASSERT_EQ(lost, 0) << "round " << round;
+    }
+    fs::remove(ClaimPath(out_, item));
+  }
+}
+
+TEST_F(ClaimTest, IsTakenByOthersThatAreAlive) {
+  const BatchItem item = Item("a");
+  const RunPresence first = Begin(), second = Begin();
+  EXPECT_FALSE(Claim::IsTaken(out_, item, second));
+  {
+    const std::optional<Claim> claim = Take(item, first);
+    EXPECT_TRUE(Claim::IsTaken(out_, item, second));
+    EXPECT_FALSE(Claim::IsTaken(out_, item, first));
+  }
+  ClaimBy("no run", item);
+  EXPECT_FALSE(Claim::IsTaken(out_, item, second)) << "of a dead run";
 }
 
 TEST_F(ClaimTest, LeftoversOfADeadRunsItemGoAndNoOthers) {
