@@ -12,10 +12,10 @@ std::span<uint8_t> BytesOf(std::vector<Element>& array) {
 
 }  // namespace
 
-uint64_t PartTable::bytes() const {
-  const uint64_t counts = open_edges.size() + odd_columns.size() + voxels.size() + triangles.size();
-  return label.size() * sizeof(uint32_t) + priority.size() * sizeof(int32_t) +
-         (counts + name_offset.size()) * sizeof(uint64_t) + name.size();
+uint64_t PartShape::bytes() const {
+  if (parts == 0) return 0;
+  const uint64_t counts = filled ? 4 : 1;
+  return parts * (2 * sizeof(uint32_t) + counts * sizeof(uint64_t)) + (parts + 1) * sizeof(uint64_t) + name_bytes;
 }
 
 PartTable MakePartTable(const PartShape& shape) {

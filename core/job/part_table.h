@@ -17,6 +17,7 @@ struct PartShape {
   uint64_t parts = 0;       // 0: the request does not cut the mesh into parts, and there are no arrays
   bool filled = false;      // `open_edges`, `odd_columns` and `voxels` are there
   uint64_t name_bytes = 0;  // of all names together
+  uint64_t bytes() const;   // of all arrays
   friend bool operator==(const PartShape&, const PartShape&) = default;
 };
 
@@ -42,7 +43,7 @@ struct PartTable {
     return {reinterpret_cast<const char*>(name.data()) + name_offset[part],
             size_t(name_offset[part + 1] - name_offset[part])};
   }
-  uint64_t bytes() const;
+  uint64_t bytes() const { return shape().bytes(); }
 };
 
 // A table of arrays of these sizes, all 0.

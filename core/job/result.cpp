@@ -2,6 +2,7 @@
 
 #include <bit>
 #include <cstring>
+#include <new>
 #include <numeric>
 
 #include "absl/status/statusor.h"
@@ -190,7 +191,11 @@ absl::StatusOr<VoxelizeResult> AllocateResult(const ResultHeader& header) {
   result.layout = header.layout;
   result.specs = header.specs;
   result.targets.resize(header.specs.size());
-  result.parts = MakePartTable(header.parts());
+  try {
+    result.parts = MakePartTable(header.parts());
+  } catch (const std::bad_alloc&) {
+    return absl::ResourceExhaustedError("out of memory for the table of parts");
+  }
   const std::vector<HostBuffer*> arrays = BuffersOf(result);
   for (size_t i = 0; i < arrays.size(); ++i) {
     absl::StatusOr<HostBuffer> buffer = HostBuffer::Allocate(header.arrays[i].bytes());

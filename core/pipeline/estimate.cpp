@@ -13,16 +13,19 @@
 namespace voxelpipe {
 namespace {
 
-absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh, const BoundRequest& bound,
+absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh, const VoxelizeRequest& request,
                                 const JobContext& job, const PlanLimits& limits, Delivery delivery) {
-  absl::StatusOr<std::unique_ptr<Stages>> stages = backend.Start(mesh, bound, job);
+  const absl::StatusOr<BoundRequest> bound = BindRequest(job, mesh, request);
+  if (!bound.ok()) return bound.status();
+  if (absl::Status s = CheckStrict(request, WarningsOf(mesh, *bound)); !s.ok()) return s;
+  absl::StatusOr<std::unique_ptr<Stages>> stages = backend.Start(mesh, *bound, job);
   if (!stages.ok()) return stages.status();
   absl::StatusOr<MeshExtent> extent = (*stages)->VertexShade();
   if (!extent.ok()) return extent.status();
   const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *std::move(extent)};
-  absl::StatusOr<PlannedRun> run = RunPlanner(backend, **stages, bound.request, size, limits, delivery).Make();
+  absl::StatusOr<PlannedRun> run = RunPlanner(backend, **stages, bound->request, size, limits, delivery).Make();
   if (!run.ok()) return run.status();
-  AddParts(bound.part_table, run->plan);
+  AddParts(bound->part_table, run->plan);
   return std::move(run->plan);
 }
 
@@ -31,13 +34,10 @@ absl::StatusOr<Plan> PlanInside(const Backend& backend, const TriangleMesh& mesh
 absl::StatusOr<Plan> EstimateVoxelization(const Backend& backend, const TriangleMesh& mesh,
                                           const VoxelizeRequest& request, const JobContext& job,
                                           const PlanLimits& limits, Delivery delivery) {
-  const absl::StatusOr<BoundRequest> bound = BindRequest(job, mesh, request);
-  if (!bound.ok()) return bound.status();
-  if (absl::Status s = CheckStrict(request, WarningsOf(mesh, *bound)); !s.ok()) return s;
   absl::StatusOr<Plan> plan = absl::UnknownError("the run did not start");
   backend.Run(request.threads, [&] {
     try {
-      plan = PlanInside(backend, mesh, *bound, job, limits, delivery);
+      plan = PlanInside(backend, mesh, request, job, limits, delivery);
     } catch (const std::bad_alloc&) {
       plan = absl::ResourceExhaustedError("out of memory while planning");
     }

@@ -76,8 +76,8 @@ struct Counts {
 
 // Above the fragments of any mesh, and small enough that no product with components and element sizes overflows.
 constexpr uint64_t kMaxFragments = uint64_t{1} << 53;
-// Above the names of any file.
-constexpr int64_t kMaxNameBytes = int64_t{1} << 32;
+// Of all parts: 4 KiB each.
+constexpr int64_t kMaxNameBytes = int64_t{kMaxParts} << 12;
 
 // Reads the counts from the shapes of the first arrays. Rejects counts that the grid cannot hold.
 absl::StatusOr<Counts> ReadCounts(const v1::ResultHeader& message, const VoxelizeRequest& request,

@@ -49,9 +49,9 @@ uint32_t BitsFor(uint64_t most) {
 absl::Status MakeFills(RunState& state) {
   PartState& parts = state.parts;
   if (parts.has_fills) return absl::OkStatus();
+  const std::vector<RigidMotionNumbers> motions = MotionsByRank(state.host.mesh, state.request);
   for (size_t t = 0; t < state.request.request.targets.size(); ++t) {
     if (!FillsByPart(state.request, t)) continue;
-    const std::vector<RigidMotionNumbers> motions = MotionsByRank(state.host.mesh, state.request);
     const std::vector<FillValue> fills = PartFillValues(state.request, t, state.host.view, motions, state.grid);
     VOXELPIPE_OK_OR_RETURN(parts.fills[t].Upload(fills, state.stream));
   }

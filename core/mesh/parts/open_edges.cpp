@@ -12,13 +12,14 @@
 #include "absl/container/flat_hash_set.h"
 #include "base/memory_budget.h"
 #include "base/parallel.h"
+#include "mesh/report.h"
 
 namespace voxelpipe {
 namespace {
 
 constexpr uint64_t kTrianglesAStep = 1 << 13;  // between two polls of the job
 // Of the hash tables, at their largest: while they grow, the old one and one of twice its size.
-constexpr uint64_t kVertexBytes = sizeof(uint32_t) + 3 * 40, kEdgeBytes = 3 * 16;
+constexpr uint64_t kVertexBytes = sizeof(uint32_t) + 3 * 40, kEdgeBytes = 32;
 
 using Runs = std::vector<std::vector<uint32_t>>;  // of each part, in order
 
@@ -38,7 +39,7 @@ std::array<uint64_t, 3> BitsOf(const Vec3d& p) {
 // One part at a time.
 class EdgesOfPart {
  public:
-  EdgesOfPart(const JobContext& job, const TriangleMesh& mesh) : job_(job), mesh_(mesh) {}
+  EdgesOfPart(const JobContext& job, const TriangleMesh& mesh) : job_(job), mesh_(mesh), charge_(&MemoryOf(job)) {}
 
   absl::StatusOr<uint64_t> Count(const std::vector<uint32_t>& runs) {
     uint64_t vertices = 0, triangles = 0;
@@ -46,9 +47,10 @@ class EdgesOfPart {
       vertices += mesh_.parts[run].vertex_count;
       triangles += mesh_.parts[run].triangle_count;
     }
-    MemoryCharge charge(&MemoryOf(job_));
-    const uint64_t bytes = vertices * kVertexBytes + triangles * 3 / 2 * kEdgeBytes;
-    if (absl::Status full = charge.Grow(bytes, "looking for open edges"); !full.ok()) return full;
+    // All edges of a part may be open. The largest part so far: its tables may be kept.
+    const uint64_t bytes = vertices * kVertexBytes + 3 * triangles * kEdgeBytes;
+    const uint64_t more = bytes - std::min(bytes, charge_.bytes());
+    if (absl::Status full = charge_.Grow(more, "looking for open edges"); !full.ok()) return full;
     positions_.clear();
     odd_.clear();
     for (const uint32_t run : runs) {
@@ -84,6 +86,7 @@ class EdgesOfPart {
 
   const JobContext& job_;
   const TriangleMesh& mesh_;
+  MemoryCharge charge_;
   absl::flat_hash_map<std::array<uint64_t, 3>, uint32_t> positions_;
   absl::flat_hash_set<uint64_t> odd_;  // edges used an odd number of times so far
   std::vector<uint32_t> ids_;          // of a run's vertices
@@ -102,6 +105,11 @@ absl::StatusOr<std::vector<uint64_t>> CountOpenEdges(const JobContext& job, cons
     std::vector<uint64_t> open;
     for (const Part& part : list.parts) open.push_back(*mesh.placed[part.placed].open_edges);
     return open;
+  }
+  if (list.parts.size() == 1) {  // by all threads
+    const absl::StatusOr<uint64_t> open = CountOpenEdges(job, mesh);
+    if (!open.ok()) return open.status();
+    return std::vector<uint64_t>{*open};
   }
   try {
     const Runs runs = RunsOf(mesh, list);

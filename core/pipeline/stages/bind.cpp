@@ -24,8 +24,8 @@ absl::StatusOr<PartTable> TableOf(const JobContext& job, const TriangleMesh& mes
   if (request.parts.scope == PartScope::kWhole || list.parts.empty()) return PartTable();
   PartShape shape{list.parts.size(), FillsParts(request), 0};
   for (const Part& part : list.parts) shape.name_bytes += part.name.size();
+  if (absl::Status full = list.memory->Grow(shape.bytes(), "the table of parts"); !full.ok()) return full;
   PartTable table = MakePartTable(shape);
-  if (absl::Status full = list.memory->Grow(table.bytes(), "the table of parts"); !full.ok()) return full;
   if (shape.filled) {
     absl::StatusOr<std::vector<uint64_t>> open = CountOpenEdges(job, mesh, list, request.parts.scope);
     if (!open.ok()) return open.status();
