@@ -28,6 +28,21 @@ TEST(BenchMeshes, AreClosedAndOfTheSizeTheySay) {
   EXPECT_EQ(nasty.positions.size(), 3 * nasty.triangles.size());
 }
 
+// Every room of the maze is open: a flood leaves nothing but the walls.
+TEST(BenchMeshes, MazeIsOneWayThroughAllItsRooms) {
+  EXPECT_NEAR(double(Maze(27).triangles.size()), 80'000, 4'000);
+  const TriangleMesh maze = Maze(8);
+  // A tree has one door less than rooms.
+  EXPECT_EQ(maze.triangles.size() / 2, 3u * 9 * 8 * 8 - (8 * 8 * 8 - 1) - 1);
+  VoxelizeRequest request;
+  request.grid.resolution = 65;
+  const auto walls = Voxelize(maze, request, {JobContext()});
+  request.fill = Fill::kFlood;
+  const auto flooded = Voxelize(maze, request, {JobContext()});
+  ASSERT_TRUE(walls.ok() && flooded.ok());
+  EXPECT_EQ(flooded->stats.occupied, walls->stats.occupied);
+}
+
 TEST(Yardstick, MarksTheVoxelsOfTheConservativeCoverage) {
   for (const TriangleMesh& mesh : {BumpySphere(2'000), BumpyTorus(3'000)}) {
     VoxelizeRequest request;

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <utility>
+#include <vector>
 
 namespace voxelpipe::bench {
 namespace {
@@ -221,6 +223,63 @@ TriangleMesh Nasty() {
   }
   mesh.AddClusters(40, 2'000'000);
   return mesh.Shuffled();
+}
+
+TriangleMesh Maze(int cells) {
+  using Cell = std::array<int, 3>;
+  const auto at = [cells](const Cell& c) { return size_t(c[0] + cells * (c[1] + cells * c[2])); };
+  // Of each room: whether the way came there, and, by axis, whether the wall above it has a door.
+  std::vector<uint8_t> seen(at({0, 0, cells}));
+  std::vector<std::array<bool, 3>> doors(seen.size());
+  Random random(13);
+  seen[0] = 1;
+  for (std::vector<Cell> way{{0, 0, 0}}; !way.empty();) {
+    const Cell here = way.back();
+    std::vector<std::pair<size_t, Cell>> next;
+    for (size_t axis = 0; axis < 3; ++axis) {
+      for (const int step : {-1, 1}) {
+        Cell to = here;
+        to[axis] += step;
+        if (to[axis] >= 0 && to[axis] < cells && !seen[at(to)]) next.emplace_back(axis, to);
+      }
+    }
+    if (next.empty()) {
+      way.pop_back();
+      continue;
+    }
+    const auto [axis, to] = next[random.Next() % next.size()];
+    doors[at(std::min(here, to))][axis] = true;
+    seen[at(to)] = 1;
+    way.push_back(to);
+  }
+  TriangleMesh mesh;
+  const auto corner = [cells](const Cell& c) { return uint32_t(c[0] + (cells + 1) * (c[1] + (cells + 1) * c[2])); };
+  for (int z = 0; z <= cells; ++z) {
+    for (int y = 0; y <= cells; ++y) {
+      for (int x = 0; x <= cells; ++x)
+        mesh.positions.push_back(Vec3d{double(x), double(y), double(z)} * (1 / double(cells)));
+    }
+  }
+  for (size_t axis = 0; axis < 3; ++axis) {
+    const size_t u = (axis + 1) % 3, v = (axis + 2) % 3;
+    for (int level = 0; level <= cells; ++level) {
+      for (int i = 0; i < cells; ++i) {
+        for (int j = 0; j < cells; ++j) {
+          Cell a{}, below{};
+          a[axis] = level, a[u] = i, a[v] = j;
+          below = a;
+          --below[axis];
+          const bool opening = axis == 2 && level == 0 && i == 0 && j == 0;
+          if (opening || (level > 0 && level < cells && doors[at(below)][axis])) continue;
+          Cell b = a, c = a, d = a;
+          ++b[u], ++c[u], ++c[v], ++d[v];
+          mesh.triangles.push_back({corner(a), corner(b), corner(c)});
+          mesh.triangles.push_back({corner(a), corner(c), corner(d)});
+        }
+      }
+    }
+  }
+  return Finish(std::move(mesh));
 }
 
 }  // namespace voxelpipe::bench

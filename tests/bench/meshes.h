@@ -20,5 +20,8 @@ TriangleMesh Mixed();
 // 12 tilted planes that span [0, 1]^3 (two triangles each, ending outside it) and 2,000,000 tiny triangles in 40
 // clusters, none sharing vertices, in random order: uneven load on purpose.
 TriangleMesh Nasty();
+// The walls of a maze of `cells` x `cells` x `cells` rooms in [0, 1]^3, two triangles each and about 4 * cells^3
+// together; one way from the opening, on the side z = 0 at the origin, to each room, as a depth-first search finds it.
+TriangleMesh Maze(int cells);
 
 }  // namespace voxelpipe::bench

@@ -234,6 +234,16 @@ int Main(int argc, char** argv) {
     meshes.clear();  // one at a time
     return meshes.emplace(name, make()).first->second;
   };
+  // A flood whose way is long.
+  auto* maze = benchmark::RegisterBenchmark("maze/flood", [=](benchmark::State& state) {
+    VoxelizeRequest request;
+    request.grid.fit = GridFit::kCube;
+    request.threads = g_threads;
+    request.fill = Fill::kFlood;
+    Measure(state, mesh_of("maze", [] { return Maze(27); }), request);
+  });
+  for (const int64_t resolution : {128, 256, 400, 512}) maze->Arg(resolution);
+  maze->UseManualTime()->Iterations(6)->Unit(benchmark::kMillisecond);
   for (const auto& [name, make] : makers) {
     for (const Case& c : Cases()) {
       auto* row = benchmark::RegisterBenchmark((name + "/" + c.name).c_str(), [=](benchmark::State& state) {
