@@ -6,13 +6,10 @@
 
 namespace voxelpipe::cpu {
 
-// The flood itself, of the whole grid, because it crosses slabs; nothing where it was done. Takes two grids of bits and
-// keeps one. RESOURCE_EXHAUSTED, CANCELLED, DEADLINE_EXCEEDED.
-absl::Status FindOutside(RunState& state);
-
-// Sets `out`, bits of the slab, to the voxels that a 6-connected flood from an empty layer around the grid does not
-// reach through voxels outside the conservative shell, which include the shell's own voxels. With `add` they are or-ed
-// to its bits. Errors: those of FindOutside.
+// The voxels that a 6-connected flood from an empty layer around the grid does not reach through voxels outside the
+// conservative shell, which include the shell's own voxels. With `add` they are or-ed to the bits of `out`, the slab's
+// coverage; else `out` is made of them. The flood is of the whole grid, because it crosses slabs: the first slab's call
+// keeps what later ones need. After FineRaster. RESOURCE_EXHAUSTED, CANCELLED, DEADLINE_EXCEEDED.
 absl::Status FloodInside(RunState& state, BitGrid& out, bool add);
 
 }  // namespace voxelpipe::cpu

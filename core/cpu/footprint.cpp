@@ -7,6 +7,7 @@
 #include <span>
 
 #include "cpu/a_buffer.h"
+#include "cpu/base/enclosed.h"
 #include "cpu/base/task_sizes.h"
 #include "cpu/base/tile_values.h"
 #include "cpu/run_state.h"
@@ -105,12 +106,21 @@ double ShadedBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
   return double(mesh.vertices) * (sizeof(Vec3d) + sizeof(Vec3f));  // not known yet: positions and normals
 }
 
+// True if the coverage of a slab that is the whole grid is the shell of a flood, as in flood_fill.cpp.
+bool CoverageIsShell(const VoxelizeRequest& request, bool plain_bits) {
+  return request.coverage == Coverage::kConservative &&
+         (plain_bits || std::any_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& target) {
+            return IsOccupancyBit(target) || !OwnPresence(target);
+          }));
+}
+
 // The vertices and triangles that the stages keep for the whole run, and the maximum beside them while triangles are
 // sorted.
 struct MeshWork {
   double kept = 0, sorting = 0;
 };
-MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Surface& surface, bool plain_bits) {
+MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, const Surface& surface, bool plain_bits,
+                       bool draws_shell) {
   const double vertices = double(mesh.vertices);
   constexpr double kCode = 8;  // a vertex's voxel
   MeshWork work;
@@ -118,26 +128,25 @@ MeshWork MeshWorkBytes(const VoxelizeRequest& request, const MeshSize& mesh, con
   if (plain_bits) {
     if (CastsLines(request.fill)) work.kept += Pooled(vertices * sizeof(Vec3d));
     // The shell of a flood is conservative.
-    const bool shell = request.fill == Fill::kFlood && request.coverage != Coverage::kConservative;
-    if (shell) work.kept += Pooled(vertices * kCode);
+    if (draws_shell && request.coverage != Coverage::kConservative) work.kept += Pooled(vertices * kCode);
     return work;
   }
   work.kept += Pooled(vertices * sizeof(Vec3d)) + Pooled(8 * surface.pairs) + kRunBytes * surface.tiles;
   // Each thread reserves a little more than one pair a triangle.
   work.sorting = 8 * std::max(kBlocks * surface.pairs, 1.125 * double(mesh.triangles));
-  if (request.fill == Fill::kFlood) work.kept += Pooled(vertices * kCode);  // for the rows of the shell
+  if (draws_shell) work.kept += Pooled(vertices * kCode);
   return work;
 }
 
 // Lists of triangles by slab and of crossings by block, which each thread collects in chunks of its own while it
 // rasterizes and fills.
 double BinBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh, const Surface& surface,
-                int64_t layers, bool plain_bits) {
+                int64_t layers, bool plain_bits, bool draws_shell) {
   const int cores = tbb::info::default_concurrency();
   const double threads = std::min(double(request.threads > 0 ? std::min(request.threads, cores) : cores),
                                   std::ceil(double(mesh.triangles) / kTriangleGrain));
   double bytes = 0;
-  if (plain_bits || request.fill == Fill::kFlood) {
+  if (plain_bits || draws_shell) {
     // Of a slab of parts once more, by part.
     const double lists = FillsParts(request) ? 2 : 1;
     bytes += lists * 4 * (double(mesh.triangles) + surface.layers / kMaxSlabLayers) + threads * kBinChunkBytes;
@@ -188,8 +197,11 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     out.slab_depth = ThinSlabDepth(request, grid, mesh, out.slab_depth, lists(grid.dims[2]));
   }
   const bool one_slab = out.slab_depth >= grid.dims[2];
-  const MeshWork work = MeshWorkBytes(request, mesh, surface, plain_bits);
-  double slab = slab_bytes(out.slab_depth) + BinBytes(request, grid, mesh, surface, out.slab_depth, plain_bits);
+  const bool flood = request.fill == Fill::kFlood;
+  const bool draws_shell = flood && !(one_slab && CoverageIsShell(request, plain_bits));
+  const MeshWork work = MeshWorkBytes(request, mesh, surface, plain_bits, draws_shell);
+  double slab =
+      slab_bytes(out.slab_depth) + BinBytes(request, grid, mesh, surface, out.slab_depth, plain_bits, draws_shell);
   double list = lists(out.slab_depth);
   if (!one_slab && dense && delivery == Delivery::kMemory) slab += DenseBytes(request, grid, grid.dims[2]);
   if (!one_slab) slab += LastSlabBytes(request, grid, out.slab_depth, delivery);
@@ -205,9 +217,10 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     slab += held;
     list += held;
   }
-  if (request.fill == Fill::kFlood) {
-    // The shell and the voxels reached from outside; the inside of one slab replaces the shell.
-    slab += (one_slab ? 1 : 2) * Pooled(double(BitGrid::BytesFor(grid.dims)));
+  if (flood) {
+    // The shell, unless it is the coverage, and what it encloses, which in one slab is the inside or the result.
+    slab += (draws_shell ? one_slab ? 1 : 2 : 0) * Pooled(double(BitGrid::BytesFor(grid.dims)));
+    slab += double(EnclosedWorkBytes(grid.dims));
   }
   Sum peak;
   peak += kBaseBytes;

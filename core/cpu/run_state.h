@@ -75,7 +75,7 @@ struct RunState : HostMesh {
   std::vector<PairBlocks> emitted;         // pairs by ascending triangle, before TileSort
   HostArray<uint64_t> pairs;               // (tile << 32) | triangle, after it
   std::vector<TileRun> runs;               // by ascending tile
-  BitGrid outside;                         // flood fill: the voxels reached from outside, set by the first slab
+  BitGrid enclosed;                        // flood fill: the voxels not reached from outside, set by the first slab
 
   // Of each target, see CpuTarget::part_fills; from the first slab on. Charged.
   std::optional<std::vector<std::vector<FillValue>>> part_fills;

@@ -216,6 +216,7 @@ absl::Status Inside(RunState& state, BitGrid& out, bool add) {
 }
 
 absl::Status MakeInside(RunState& state) {
+  if (state.request.request.fill == Fill::kFlood) return FloodInside(state, state.inside, false);
   auto inside = BitGrid::CreateUncleared(state.slab_dims);
   if (!inside.ok()) return inside.status();
   state.inside = *std::move(inside);
@@ -231,10 +232,6 @@ absl::Status FindOwners(RunState& state) {
 
 absl::Status SolidFill(RunState& state) {
   if (JoinsCoverage(state) && state.inside.empty()) return Inside(state, state.coverage, true);
-  // A flood comes first: the grid of its shell goes back to the pool, from which that of the inside is taken.
-  if (state.request.request.fill == Fill::kFlood) {
-    if (absl::Status s = FindOutside(state); !s.ok()) return s;
-  }
   if (state.inside.empty()) {
     if (absl::Status s = MakeInside(state); !s.ok()) return s;
   }

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <deque>
 
+#include "bench/meshes.h"
 #include "gtest/gtest.h"
 #include "support/meshes/meshes.h"
 #include "support/run.h"
@@ -108,6 +109,126 @@ TEST(FloodFill, GivesFilledVoxelsTheirValueAndCoveredOnesTheirs) {
     if (thin[n]) {
       ASSERT_EQ(FloatAt(result.targets[0], n), 3) << n;
     }
+  }
+}
+
+void Append(TriangleMesh& mesh, const TriangleMesh& other) {
+  const auto first = uint32_t(mesh.positions.size());
+  std::vector<Vec3d> positions = mesh.positions;
+  std::vector<std::array<uint32_t, 3>> triangles = mesh.triangles;
+  positions.insert(positions.end(), other.positions.begin(), other.positions.end());
+  for (const auto& t : other.triangles) triangles.push_back({t[0] + first, t[1] + first, t[2] + first});
+  mesh = MakeMesh(std::move(positions), std::move(triangles));
+}
+
+// Below, at and above words of 32 and of 64 voxels.
+constexpr int64_t kSizes[] = {1, 31, 32, 33, 63, 64, 65, 127, 129};
+
+TEST(FloodFill, WalksAMazeWhateverTheSizeOfTheGrid) {
+  for (const int64_t size : kSizes) {
+    const TriangleMesh maze = bench::Maze(std::max(1, int(size / 8)));
+    for (const Dims& d : {Dims{size, size, size}, Dims{size, 30, 21}, Dims{19, size, 30}, Dims{21, 30, size}}) {
+      TriangleMesh scaled = maze;
+      for (Vec3d& p : scaled.positions) p = {p.x * double(d.nx), p.y * double(d.ny), p.z * double(d.nz)};
+      ExpectFloodIsTheWalk(scaled, d);
+      if (HasFatalFailure()) return;
+    }
+  }
+  // All of its rooms are open.
+  TriangleMesh maze = bench::Maze(16);
+  for (Vec3d& p : maze.positions) p = p * 129.0;
+  const Dims d{129, 129, 129};
+  EXPECT_EQ(Occupied(maze, d, Coverage::kConservative, Fill::kFlood),
+            Occupied(maze, d, Coverage::kConservative, Fill::kNone));
+}
+
+TEST(FloodFill, FillsWhatTheOuterOneOfNestedShellsEncloses) {
+  const Vec3d centre{33, 32, 31};
+  TriangleMesh shells = Placed(BumpySphere(20, 3), 24, centre);
+  Append(shells, Placed(BumpySphere(16, 4), 16, centre));
+  Append(shells, Placed(Octahedron(1, Rotation({1, 2, 3}, 0.4), {0, 0, 0}), 8, centre));
+  ExpectFloodIsTheWalk(shells, {66, 64, 62});
+  // The outer one is open.
+  TriangleMesh open = Placed(BumpySphere(20, 3), 24, centre);
+  open.triangles.resize(open.triangles.size() - 300);
+  open = MakeMesh(open.positions, open.triangles);
+  Append(open, Placed(BumpySphere(16, 4), 16, centre));
+  ExpectFloodIsTheWalk(open, {66, 64, 62});
+}
+
+TEST(FloodFill, LeavesAnOpenBoxEmptyOnEachSide) {
+  for (int side = 0; side < 6; ++side) {
+    TriangleMesh box = Cube(40);
+    ASSERT_EQ(box.triangles.size(), 12u);
+    box.triangles.erase(box.triangles.begin() + 2 * side, box.triangles.begin() + 2 * side + 2);
+    box = MakeMesh(box.positions, box.triangles);
+    Vec3d low = box.positions[0];
+    for (const Vec3d& p : box.positions) low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
+    for (Vec3d& p : box.positions) p = p - low + Vec3d{12.5, 9.5, 8.5};
+    const Dims d{65, 63, 64};
+    ExpectFloodIsTheWalk(box, d);
+    EXPECT_EQ(Occupied(box, d, Coverage::kConservative, Fill::kFlood),
+              Occupied(box, d, Coverage::kConservative, Fill::kNone));
+  }
+}
+
+// Where the coverage is the shell it is not drawn again; elsewhere it is. The bytes are the same.
+TEST(FloodFill, IsTheSameInSlabsByStreamAndOnEveryNumberOfThreads) {
+  TriangleMesh maze = bench::Maze(9);
+  for (Vec3d& p : maze.positions) p = {p.x * 65, p.y * 60, p.z * 70};
+  std::vector<std::vector<TargetSpec>> lists(4);
+  lists[0] = {TargetSpec{}};
+  lists[1] = {FloatTarget(1, Blend::kMax, {"occupancy", {}})};
+  lists[2] = {TargetSpec{}, FloatTarget(4, Blend::kReplace, {"base_color", {}})};
+  lists[3] = {TargetOf(VoxelFormat::kBit, 1, Blend::kOr, {"occupancy", {}})};
+  lists[3][0].clear = 1;
+  lists[3][0].fill_values = {0};
+  for (const std::vector<TargetSpec>& targets : lists) {
+    for (const ResultKind result : {ResultKind::kDense, ResultKind::kSparse}) {
+      for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
+        VoxelizeRequest request = Request({65, 60, 70}, coverage, Fill::kFlood);
+        request.targets = targets;
+        request.result = result;
+        request.threads = 1;
+        const Arrays expected = CopyArrays(RunPipeline(maze, request));
+        for (const int threads : {1, 2}) {
+          request.threads = threads;
+          for (const int64_t depth : {0, 8, 24}) {
+            PlanLimits limits;
+            limits.slab_depth = depth;
+            const JobContext job;
+            const auto whole = Voxelize(maze, request, {job, limits});
+            ASSERT_TRUE(whole.ok()) << whole.status();
+            EXPECT_EQ(CopyArrays(*whole), expected) << threads << " threads, slabs of " << depth;
+            KeepArrays sink;
+            const auto streamed = VoxelizeTo(maze, request, {job, limits}, sink);
+            ASSERT_TRUE(streamed.ok()) << streamed.status();
+            EXPECT_EQ(sink.arrays, expected) << threads << " threads, slabs of " << depth << ", streamed";
+          }
+        }
+      }
+    }
+  }
+}
+
+// The coverage of such targets lacks voxels of the shell, so that it lets the flood through.
+TEST(FloodFill, TakesTheShellOfTrianglesWhoseFragmentsAreDiscarded) {
+  TriangleMesh mesh = Placed(BumpySphere(20, 3), 25, {32, 30, 28});
+  Material masked;
+  masked.alpha_mode = AlphaMode::kMask;
+  masked.base_color_factor = {1, 1, 1, 0.2f};
+  masked.alpha_cutoff = 0.5f;
+  mesh.materials = {masked};
+  for (MeshPart& part : mesh.parts) part.material = 0;
+  const Dims d{65, 60, 57};
+  const std::vector<bool> solid = Occupied(mesh, d, Coverage::kConservative, Fill::kFlood);
+  VoxelizeRequest request = Request(d, Coverage::kConservative, Fill::kFlood);
+  request.targets = {FloatTarget(4, Blend::kReplace, {"base_color", {}})};
+  request.targets[0].fill_values = {7, 7, 7, 7};
+  const VoxelizeResult result = RunPipeline(mesh, request);
+  EXPECT_EQ(result.stats.occupied, uint64_t(std::count(solid.begin(), solid.end(), true)));
+  for (size_t n = 0; n < solid.size(); ++n) {
+    ASSERT_EQ(FloatAt(result.targets[0], 4 * n), solid[n] ? 7 : 0) << "voxel " << n;
   }
 }
 
