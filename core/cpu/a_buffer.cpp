@@ -7,67 +7,92 @@
 
 #include "base/parallel.h"
 #include "cpu/base/element_store.h"
+#include "cpu/base/part_cursor.h"
+#include "cpu/shading/batch_shader.h"
 #include "cpu/tile_runs.h"
 #include "pipeline/plan/list_memory.h"
-#include "raster/spans.h"
 #include "shaders/blend_ops.h"
-#include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cpu {
 namespace {
 
-// The traits of all targets' shaders together.
-ShaderTraits AllTraits(const RunState& state) {
-  ShaderTraits traits;
-  for (const CpuTarget& target : state.targets) traits |= TraitsOf(target.shader);
-  return traits;
+using Shaders = std::vector<BuiltInShader>;  // of the targets
+
+Shaders ShadersOf(const RunState& state) {
+  Shaders shaders;
+  for (const CpuTarget& target : state.targets) {
+    shaders.emplace_back(*state.shade_kernels, target.shader, target.params);
+  }
+  return shaders;
 }
 
-bool EveryTargetCanDiscard(const RunState& state) {
-  return std::all_of(state.targets.begin(), state.targets.end(), [](const CpuTarget& t) { return t.own_presence; });
+bool NeedsPlane(const RunState& state) {
+  return std::any_of(state.targets.begin(), state.targets.end(),
+                     [](const CpuTarget& t) { return TraitsOf(t.shader).needs_plane; });
 }
 
-// Shades the fragments of one triangle, voxel after voxel.
-class TriangleShader {
+void SetOrigin(FragmentBatch& batch, const VoxelRange& tile) {
+  for (int a = 0; a < 3; ++a) batch.origin[a] = int32_t(tile.begin[a]);
+}
+
+// Drops fragments that the shaders of all targets discard.
+class Discarder {
  public:
-  TriangleShader(const RunState& state, const ShaderTraits& traits, uint32_t triangle) : traits_(traits) {
-    const uint32_t* v = state.view.triangles[triangle];
-    plane_ = SetUpPlane(state.index_positions[v[0]], state.index_positions[v[1]], state.index_positions[v[2]]);
-    in_ = MakeFragmentInput(state.view, triangle, plane_.degenerate, traits.reads_textures());
+  explicit Discarder(const RunState& state) : state_(state), part_(state.view), shaders_(ShadersOf(state)) {
+    batch_.mesh = &state.view;
   }
 
-  void MoveTo(int64_t x, int64_t y, int64_t z) {
-    in_.voxel[0] = x;
-    in_.voxel[1] = y;
-    in_.voxel[2] = z;
-    if (traits_.needs_barycentrics) in_.barycentric = Barycentrics(plane_, x, y, z);
+  // True if fragments of the triangle may be dropped, by its material.
+  bool MayDrop(uint32_t triangle) {
+    if (part_.IsIn(triangle)) return may_drop_;
+    part_.MoveTo(triangle);
+    batch_.part = &part_.part();
+    const MaterialView& material = state_.view.materials[part_.part().material];
+    may_drop_ = std::all_of(state_.targets.begin(), state_.targets.end(),
+                            [&](const CpuTarget& t) { return MayDiscard(t.shader, material); });
+    return may_drop_;
   }
 
-  FragmentOutput Shade(const CpuTarget& target) const {
-    FragmentOutput out;
-    ShadeFragment(target.shader, in_, target.params, out);
-    return out;
+  void BeginTile(const VoxelRange& range) { SetOrigin(batch_, range); }
+
+  // In: the spans of a triangle that MayDrop. Out: kept[i] are the voxels of span i whose fragment a target keeps.
+  void Keep(uint32_t triangle, std::span<const TileSpan> spans, uint32_t* kept) {
+    for (size_t i = 0; i < spans.size(); ++i) {
+      const TileSpan span = spans[i];
+      kept[i] = 0;
+      for (int x = span.first(); x <= span.last(); ++x) {
+        if (batch_.count == 0) batch_.AddTriangle(triangle);
+        at_[batch_.count] = {uint32_t(i), uint32_t(x)};
+        batch_.AddFragment(size_t(span.row() * 32 + x));
+        if (batch_.full()) Flush(kept);
+      }
+    }
+    if (batch_.count > 0) Flush(kept);
   }
 
  private:
-  const ShaderTraits& traits_;
-  TrianglePlane plane_;
-  FragmentInput in_;
-};
+  struct Place {
+    uint32_t span, x;
+  };
 
-// The voxels of `mask` whose fragment at least one target keeps.
-uint32_t NotDiscarded(const RunState& state, TriangleShader& shader, const VoxelRange& range, uint32_t row,
-                      uint32_t mask) {
-  uint32_t kept = 0;
-  for (uint32_t left = mask; left != 0; left &= left - 1) {
-    const int bit = std::countr_zero(left);
-    shader.MoveTo(range.begin[0] + bit, range.begin[1] + row % 8, range.begin[2] + row / 8);
-    const bool any = std::any_of(state.targets.begin(), state.targets.end(),
-                                 [&](const CpuTarget& target) { return !shader.Shade(target).discard; });
-    if (any) kept |= 1u << bit;
+  void Flush(uint32_t* kept) {
+    batch_.Complete();
+    state_.shade_kernels->place(batch_);
+    for (const BuiltInShader& shader : shaders_) {
+      shader.Shade(batch_, shaded_);
+      for (int i = 0; i < batch_.count; ++i) kept[at_[i].span] |= uint32_t(shaded_.discard[i] == 0) << at_[i].x;
+    }
+    batch_.Clear();
   }
-  return kept;
-}
+
+  const RunState& state_;
+  PartCursor part_;
+  bool may_drop_ = false;
+  const Shaders shaders_;
+  FragmentBatch batch_;
+  ShadedBatch shaded_;
+  Place at_[kBatchFragments];
+};
 
 // A tile may hold every triangle of the mesh, so the job is checked within tiles too. An incomplete tile is discarded.
 constexpr uint64_t kItemsBetweenChecks = 512;
@@ -105,61 +130,76 @@ class RecordWriter {
   std::vector<RowFragments> records_;
 };
 
-void EmitTile(const RunState& state, const TileRun& run, const ShaderTraits& traits, bool may_drop,
-              RecordWriter& records, TileFragments& tile) {
+// What a thread needs to emit.
+struct Emitter {
+  Emitter(const RunState& state, ValueArena& arena, ListCount& count) : records(arena, count), discarder(state) {}
+
+  RecordWriter records;
+  Discarder discarder;
+  TileSpans spans;
+};
+
+void EmitTile(const RunState& state, const TileRun& run, Emitter& emitter, TileFragments& tile) {
   const VoxelRange range = TileVoxels(state.tiles, state.pairs[run.begin] >> 32, state.dims);
-  for (uint64_t i = run.begin; i < run.end && records.MayGoOn() && MayGoOn(state, i - run.begin); ++i) {
-    const uint32_t triangle = uint32_t(state.pairs[i]);
-    const uint32_t* v = state.view.triangles[triangle];
-    const TriangleSetup setup = SetUpTriangle(state.index_positions[v[0]], state.index_positions[v[1]],
-                                              state.index_positions[v[2]], state.request.request.coverage);
-    std::optional<TriangleShader> shader;
-    ForEachRowSpan(setup, range, [&](int64_t y, int64_t z, int64_t x_begin, int64_t x_end) {
-      const auto row = uint32_t((y - range.begin[1]) + 8 * (z - range.begin[2]));
-      uint32_t mask = RowMask(x_begin - range.begin[0], x_end - range.begin[0]);
-      if (may_drop) {
-        if (!shader) shader.emplace(state, traits, triangle);
-        mask = NotDiscarded(state, *shader, range, row, mask);
-        if (mask == 0) return;
-      }
-      records.Add({triangle, mask, row}, tile);
+  emitter.discarder.BeginTile(range);
+  const auto emit = [&](uint32_t triangle, std::span<const TileSpan> spans) {
+    uint32_t kept[kTileRows];
+    const bool may_drop = emitter.discarder.MayDrop(triangle);
+    if (may_drop) emitter.discarder.Keep(triangle, spans, kept);
+    for (size_t i = 0; i < spans.size(); ++i) {
+      const auto row = uint32_t(spans[i].row());
+      const uint32_t mask = may_drop ? kept[i] : spans[i].mask();
+      if (mask == 0) continue;
+      emitter.records.Add({triangle, mask, row}, tile);
       tile.row_voxels[row] |= mask;
       tile.row_fragments[row] += uint64_t(std::popcount(mask));
-    });
-  }
-  records.Flush(tile);
+    }
+    return emitter.records.MayGoOn();
+  };
+  ForEachTriangle(state, run, range, TileOrder::kForward, emitter.spans, emit);
+  emitter.records.Flush(tile);
 }
 
 // Writes a tile's voxels, offsets, triangles and shaded fragments.
 class TileResolver {
  public:
-  TileResolver(const RunState& state, const ShaderTraits& traits, ABuffer& out)
-      : state_(state), traits_(traits), out_(out) {
+  TileResolver(const RunState& state, ABuffer& out)
+      : state_(state), out_(out), part_(state.view), shaders_(ShadersOf(state)), needs_plane_(NeedsPlane(state)) {
     shades_ = std::any_of(state.targets.begin(), state.targets.end(),
                           [](const CpuTarget& t) { return t.shader != FragmentShaderId::kOccupancy; });
+    batch_.mesh = &state.view;
   }
 
   void Resolve(const TileFragments& tile, const VoxelRange& range) {
     ListVoxels(tile, range);
-    std::optional<TriangleShader> shader;
-    uint32_t shaded = UINT32_MAX;
+    SetOrigin(batch_, range);
     uint64_t r = 0;
-    for (const std::span<const RowFragments> records : tile.records)
+    for (const std::span<const RowFragments> records : tile.records) {
       for (const RowFragments& record : records) {
-        if (!MayGoOn(state_, r++)) return;
-        if (shades_ && (!shader || record.triangle != shaded)) {
-          shader.emplace(state_, traits_, record.triangle);
-          shaded = record.triangle;
+        if (!MayGoOn(state_, r++)) return batch_.Clear();
+        if (shades_ && !part_.IsIn(record.triangle)) {
+          Flush();
+          part_.MoveTo(record.triangle);
+          batch_.part = &part_.part();
         }
         for (uint32_t left = record.mask; left != 0; left &= left - 1) {
           const int bit = std::countr_zero(left);
           const uint64_t at = next_[record.row * 32 + uint32_t(bit)]++;
           PutElement(out_.arrays.triangles.data(), 32, at, record.triangle);
-          if (shader)
-            shader->MoveTo(range.begin[0] + bit, range.begin[1] + record.row % 8, range.begin[2] + record.row / 8);
-          for (size_t t = 0; t < state_.targets.size(); ++t) PutOutput(t, shader, at);
+          if (!shades_) {
+            PutOnes(at);
+            continue;
+          }
+          if (batch_.full()) Flush();
+          if (batch_.count == 0 || batch_.triangle[batch_.triangles - 1] != record.triangle) {
+            batch_.AddTriangle(record.triangle);
+          }
+          at_[batch_.count] = at;
+          batch_.AddFragment(record.row * 32 + size_t(bit));
         }
       }
+    }
+    Flush();
   }
 
  private:
@@ -191,33 +231,83 @@ class TileResolver {
     }
   }
 
-  void PutOutput(size_t t, const std::optional<TriangleShader>& shader, uint64_t at) {
-    const CpuTarget& target = state_.targets[t];
-    const VoxelFormat format = target.spec.format;
-    const int components = target.spec.components, bits = BitsPerComponent(format);
-    FragmentOutput out;
-    if (shader) {
-      out = shader->Shade(target);
-    } else {
-      out.f[0] = 1;  // occupancy
-    }
-    for (int c = 0; c < components; ++c) {
-      uint32_t stored = target.clear_stored;
-      if (!out.discard && format == VoxelFormat::kBit) {
-        stored = ToBit(out, target.u32_output);
-      } else if (!out.discard) {
-        stored = StoredBits(ToCell(out, target.u32_output, c, target.kept_format, target.scale), target.kept_format);
+  // Where component c of a fragment is in its target's array.
+  uint64_t ElementOf(int components, int c, uint64_t fragment) const {
+    const bool planar = state_.request.request.layout == Layout::kPlanar;
+    return planar ? uint64_t(c) * out_.fragments + fragment : fragment * uint64_t(components) + uint64_t(c);
+  }
+
+  // The targets' values of occupancy.
+  void PutOnes(uint64_t at) {
+    FragmentOutput one;
+    one.f[0] = 1;
+    for (size_t t = 0; t < state_.targets.size(); ++t) {
+      const CpuTarget& target = state_.targets[t];
+      const VoxelFormat format = target.spec.format;
+      for (int c = 0; c < target.spec.components; ++c) {
+        const uint32_t stored =
+            format == VoxelFormat::kBit
+                ? ToBit(one, target.u32_output)
+                : StoredBits(ToCell(one, target.u32_output, c, target.kept_format, target.scale), target.kept_format);
+        PutElement(out_.arrays.targets[t].data(), BitsPerComponent(format), ElementOf(target.spec.components, c, at),
+                   stored);
       }
-      const bool planar = state_.request.request.layout == Layout::kPlanar;
-      const uint64_t element = planar ? uint64_t(c) * out_.fragments + at : at * uint64_t(components) + uint64_t(c);
-      PutElement(out_.arrays.targets[t].data(), bits, element, stored);
+    }
+  }
+
+  // Shades the fragments of the batch, and writes what the targets keep of them.
+  void Flush() {
+    if (batch_.count > 0) {
+      batch_.Complete();
+      if (needs_plane_) state_.shade_kernels->place(batch_);
+      for (size_t t = 0; t < state_.targets.size(); ++t) {
+        shaders_[t].Shade(batch_, shaded_);
+        switch (BitsPerComponent(state_.targets[t].spec.format)) {
+          case 1: PutBits(t); break;
+          case 8: PutCells<uint8_t>(t); break;
+          case 16: PutCells<uint16_t>(t); break;
+          default: PutCells<uint32_t>(t); break;
+        }
+      }
+    }
+    batch_.Clear();
+  }
+
+  void PutBits(size_t t) {
+    const CpuTarget& target = state_.targets[t];
+    for (int i = 0; i < batch_.count; ++i) {
+      const bool bit = ToBit(OutputOf(shaded_, target.u32_output, i), target.u32_output);
+      const uint32_t stored = shaded_.discard[i] != 0 ? target.clear_stored : bit;
+      PutElement(out_.arrays.targets[t].data(), 1, at_[i], stored);
+    }
+  }
+
+  template <typename Element>
+  void PutCells(size_t t) {
+    const CpuTarget& target = state_.targets[t];
+    const int components = target.spec.components;
+    alignas(64) BatchCells cells;
+    state_.shade_kernels->to_cells(shaded_, batch_.count,
+                                   {target.kept_format, target.u32_output, components, target.scale}, cells);
+    uint8_t* const out = out_.arrays.targets[t].data();
+    for (int i = 0; i < batch_.count; ++i) {
+      for (int c = 0; c < components; ++c) {
+        const bool discarded = shaded_.discard[i] != 0;
+        const auto stored = Element(discarded ? target.clear_stored : StoredBits(cells[c][i], target.kept_format));
+        std::memcpy(out + ElementOf(components, c, at_[i]) * sizeof stored, &stored, sizeof stored);
+      }
     }
   }
 
   const RunState& state_;
-  const ShaderTraits& traits_;
   ABuffer& out_;
-  bool shades_ = false;
+  PartCursor part_;
+  const Shaders shaders_;
+  const bool needs_plane_;
+  bool shades_ = false;  // some shader is not occupancy
+  FragmentBatch batch_;
+  ShadedBatch shaded_;
+  uint64_t at_[kBatchFragments];  // indices of the batch's fragments in the slab
   std::array<uint64_t, kTileVoxels> next_{};
 };
 
@@ -228,14 +318,12 @@ absl::Status EmitFragments(RunState& state) {
   state.a_buffer = std::make_shared<ABuffer>();
   ABuffer& out = *state.a_buffer;
   out.tiles.resize(runs.size());
-  const ShaderTraits traits = AllTraits(state);
-  const bool may_drop = EveryTargetCanDiscard(state);
   ListCount count(state.lists, runs.size() * sizeof(TileFragments));
-  tbb::enumerable_thread_specific<RecordWriter> writers([&] { return RecordWriter(out.arenas.local(), count); });
+  tbb::enumerable_thread_specific<Emitter> emitters([&] { return Emitter(state, out.arenas.local(), count); });
   const absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
-    RecordWriter& records = writers.local();
+    Emitter& emitter = emitters.local();
     for (int64_t i = begin; i < end && !count.stopped(); ++i) {
-      EmitTile(state, runs[size_t(i)], traits, may_drop, records, out.tiles[size_t(i)]);
+      EmitTile(state, runs[size_t(i)], emitter, out.tiles[size_t(i)]);
     }
   });
   out.list_bytes = count.bytes();
@@ -291,8 +379,7 @@ absl::Status Resolve(RunState& state) {
   }
   std::memcpy(out.arrays.offsets.data() + out.voxels * sizeof(uint64_t), &out.fragments, sizeof(uint64_t));
   const std::span<const TileRun> runs = SlabRuns(state);
-  const ShaderTraits traits = AllTraits(state);
-  tbb::enumerable_thread_specific<TileResolver> resolvers([&] { return TileResolver(state, traits, out); });
+  tbb::enumerable_thread_specific<TileResolver> resolvers([&] { return TileResolver(state, out); });
   const absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
     TileResolver& resolver = resolvers.local();
     for (int64_t i = begin; i < end; ++i) {

@@ -103,6 +103,8 @@ absl::Status CoarseRaster(RunState& state, const GridSpec& grid) {
   }
   const bool fit = std::max({grid.dims[0], grid.dims[1], grid.dims[2]}) <= kMaxLaneDim;
   state.tile_kernels = fit ? state.kernels : *SelectRowKernels(SimdChoice::kScalar);
+  const bool addressed = state.view.vertex_count <= kMaxLaneVertices;
+  state.shade_kernels = &ShadeKernelsNamed(addressed ? state.kernels->name : "scalar");
   if (PlainBits(state, grid)) {
     state.row_bits = std::make_unique<RowBits>(*state.kernels, state.view, grid, state.request.request.coverage);
     absl::Status s = state.row_bits->Place(CastsLines(state.request.request.fill), state.job);

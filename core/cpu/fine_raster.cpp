@@ -5,14 +5,17 @@
 #include <array>
 #include <bit>
 #include <cstring>
+#include <memory>
 #include <optional>
 #include <span>
 
 #include "base/parallel.h"
+#include "cpu/base/part_cursor.h"
 #include "cpu/base/stream.h"
 #include "cpu/dense_fill.h"
 #include "cpu/rows/tile_spans.h"
 #include "cpu/run_state.h"
+#include "cpu/shading/batch_shader.h"
 #include "cpu/sparse.h"
 #include "cpu/tile_buffer.h"
 #include "cpu/tile_runs.h"
@@ -28,11 +31,14 @@ class OwnedVoxels {
   explicit OwnedVoxels(size_t parts) : voxels_(parts) {}
 
   void BeginTile() { touched_.fill(0); }
-  // Fragments of a voxel come by ascending rank (PartView::rank) of their part.
+  // A fragment in each voxel of the span, of a part of this rank (PartView::rank).
   void Add(TileSpan span, uint32_t rank) {
-    touched_[size_t(span.row())] |= span.mask();
+    uint32_t& touched = touched_[size_t(span.row())];
     uint16_t* const row = &ranks_[size_t(span.row()) * 32];
-    std::fill(row + span.first(), row + span.last() + 1, uint16_t(rank));
+    for (int x = span.first(); x <= span.last(); ++x) {
+      row[x] = uint16_t((touched >> x & 1) != 0 ? std::max<uint32_t>(row[x], rank) : rank);
+    }
+    touched |= span.mask();
   }
   // In: the ranks of a row's insides, which FillParts has counted already; a fragment of a higher part takes the voxel.
   void CountRow(int row, const uint16_t* inside) {
@@ -49,8 +55,159 @@ class OwnedVoxels {
 
  private:
   std::array<uint32_t, kTileRows> touched_{};
-  std::array<uint16_t, size_t(kTileRows) * 32> ranks_{};  // of the last fragment of each voxel that is touched
+  std::array<uint16_t, size_t(kTileRows) * 32> ranks_{};  // the highest of each voxel that is touched
   std::vector<int64_t> voxels_;
+};
+
+// Which fragments of a voxel a target blends. Those that only keep one are shaded for it alone: a tile's triangles come
+// in the order in which the first fragment in a voxel wins.
+enum class Wanted : uint8_t { kAll, kFirst, kLast };
+
+Wanted WantedBy(const CpuTarget& target) {
+  if (!TraitsOf(target.shader).needs_plane) return Wanted::kAll;  // cheaper shaded than left out
+  if (target.spec.blend == Blend::kReplace) return Wanted::kLast;
+  return target.spec.blend == Blend::kFirst && !target.ids_unordered ? Wanted::kFirst : Wanted::kAll;
+}
+
+// The targets that want the same fragments: shades these in batches and blends them.
+class ShadedTargets {
+ public:
+  // `buffers`: of all targets; outlives this.
+  ShadedTargets(const RunState& state, Wanted wanted, std::vector<TileBuffer>& buffers)
+      : state_(state), winners_(wanted != Wanted::kAll), buffers_(buffers), part_(state.view) {
+    shaders_.resize(state.targets.size());
+    for (size_t t = 0; t < state.targets.size(); ++t) {
+      const CpuTarget& target = state.targets[t];
+      if (target.is_occupancy || WantedBy(target) != wanted) continue;
+      targets_ |= 1u << t;
+      traits_ |= TraitsOf(target.shader);
+      shaders_[t].emplace(*state.shade_kernels, target.shader, target.params);
+    }
+    batch_.mesh = &state.view;
+  }
+
+  bool empty() const { return targets_ == 0; }
+
+  void BeginTile(const int64_t (&origin)[3]) {
+    for (int a = 0; a < 3; ++a) batch_.origin[a] = int32_t(origin[a]);
+    taken_.fill(0);
+  }
+
+  // A triangle's fragments in the tile.
+  void Add(uint32_t triangle, std::span<const TileSpan> spans) {
+    if (!part_.IsIn(triangle)) {
+      Flush();
+      EnterPartOf(triangle);
+    }
+    if (same_ != 0) BlendSame(triangle, spans);
+    bool added = varying_ == 0;
+    for (const TileSpan span : spans) {
+      const size_t row = size_t(span.row());
+      uint32_t mask = span.mask();
+      if (winners_) {
+        mask &= ~taken_[row];
+        if (!may_discard_) taken_[row] |= mask;
+      }
+      if (varying_ == 0) continue;
+      for (; mask != 0; mask &= mask - 1) {
+        if (batch_.full()) {
+          Flush();
+          added = false;
+        }
+        if (!added) batch_.AddTriangle(triangle);
+        added = true;
+        batch_.AddFragment(row * 32 + size_t(std::countr_zero(mask)));
+      }
+    }
+  }
+
+  // Shades and blends what was added.
+  void Flush() {
+    if (batch_.count > 0) {
+      batch_.Complete();
+      if (traits_.needs_plane) state_.shade_kernels->place(batch_);
+      for (uint32_t left = varying_; left != 0; left &= left - 1) {
+        const auto t = size_t(std::countr_zero(left));
+        shaders_[t]->Shade(batch_, shaded_);
+        buffers_[t].BlendBatch(*state_.shade_kernels, batch_, shaded_, winners_);
+      }
+      if (winners_ && may_discard_) FindTaken();
+    }
+    batch_.Clear();
+  }
+
+ private:
+  void EnterPartOf(uint32_t triangle) {
+    part_.MoveTo(triangle);
+    batch_.part = &part_.part();
+    const FragmentInput in = MakePlainInput(state_.view, triangle);
+    same_ = varying_ = 0;
+    may_discard_ = false;
+    for (uint32_t left = targets_; left != 0; left &= left - 1) {
+      const int t = std::countr_zero(left);
+      const FragmentShaderId shader = state_.targets[size_t(t)].shader;
+      (SameForTriangle(shader, in) ? same_ : varying_) |= 1u << t;
+      may_discard_ = may_discard_ || MayDiscard(shader, in.material());
+    }
+  }
+
+  // For the targets whose fragments of a triangle all have the same output: shades once, blends span by span.
+  void BlendSame(uint32_t triangle, std::span<const TileSpan> spans) {
+    if (winners_ && std::all_of(spans.begin(), spans.end(),
+                                [&](TileSpan span) { return (span.mask() & ~taken_[size_t(span.row())]) == 0; })) {
+      return;
+    }
+    const FragmentInput in = InputOf(triangle);
+    for (uint32_t left = same_; left != 0; left &= left - 1) {
+      const auto t = size_t(std::countr_zero(left));
+      const CpuTarget& target = state_.targets[t];
+      FragmentOutput out;
+      ShadeFragment(target.shader, in, target.params, out);
+      if (out.discard) continue;
+      TileBuffer& buffer = buffers_[t];
+      const BlendValue value = buffer.Convert(out);
+      for (const TileSpan span : spans) {
+        if (winners_) {
+          buffer.BlendUntaken(span.row(), span.mask(), value, in.part->rank);
+        } else {
+          buffer.Blend(span, value, in.triangle, in.part->rank);
+        }
+      }
+    }
+  }
+
+  FragmentInput InputOf(uint32_t triangle) const {
+    if (!traits_.needs_plane) return MakePlainInput(state_.view, triangle);
+    const uint32_t* v = state_.view.triangles[triangle];
+    const Vec3d* p = state_.index_positions;
+    return MakeFragmentInput(state_.view, triangle, SetUpPlane(p[v[0]], p[v[1]], p[v[2]]).degenerate, false);
+  }
+
+  // The voxels that all targets have.
+  void FindTaken() {
+    for (size_t row = 0; row < taken_.size(); ++row) {
+      uint32_t all = ~0u;
+      for (uint32_t left = targets_; left != 0; left &= left - 1) {
+        all &= buffers_[size_t(std::countr_zero(left))].presence(int(row));
+      }
+      taken_[row] = all;
+    }
+  }
+
+  const RunState& state_;
+  const bool winners_;  // of each voxel the first fragment in the order of the triangles is wanted
+  std::vector<TileBuffer>& buffers_;
+  std::vector<std::optional<BuiltInShader>> shaders_;  // by target
+  ShaderTraits traits_;                                // the union of their traits
+  uint32_t targets_ = 0;                               // a bit each
+  // Of the part whose triangles come.
+  PartCursor part_;
+  uint32_t same_ = 0, varying_ = 0;  // targets
+  bool may_discard_ = false;
+  // Of the tile.
+  std::array<uint32_t, kTileRows> taken_{};  // winners_: voxels of which no further fragment is wanted
+  FragmentBatch batch_;
+  ShadedBatch shaded_;
 };
 
 // Scratch memory of one thread.
@@ -58,90 +215,28 @@ struct Worker {
   explicit Worker(const RunState& state) {
     for (const CpuTarget& target : state.targets) {
       buffers.emplace_back(target);
-      if (target.is_occupancy) continue;
-      traits |= TraitsOf(target.shader);
-      shades = true;
-      any_always_present = any_always_present || !target.own_presence;
+      any_always_present = any_always_present || target.is_occupancy || !target.own_presence;
+    }
+    for (const Wanted wanted : {Wanted::kAll, Wanted::kFirst, Wanted::kLast}) {
+      auto targets = std::make_unique<ShadedTargets>(state, wanted, buffers);
+      if (targets->empty()) continue;
+      (wanted == Wanted::kLast ? backward : forward).push_back(std::move(targets));
     }
     if (state.by_parts) owned.emplace(state.part_count());
-    any_always_present = any_always_present || std::any_of(state.targets.begin(), state.targets.end(),
-                                                           [](const CpuTarget& t) { return t.is_occupancy; });
   }
 
   std::vector<TileBuffer> buffers;
+  // By the order in which they want a tile's triangles.
+  std::vector<std::unique_ptr<ShadedTargets>> forward, backward;
   TileSpans spans;
   std::array<uint32_t, kTileRows> coverage{};
-  bool shades = false;              // some target needs shading
-  ShaderTraits traits;              // the union of the traits of those targets' shaders
   bool any_always_present = false;  // a target discards no fragment, so every touched voxel is covered
   uint64_t fragments = 0;
   std::optional<OwnedVoxels> owned;  // where parts are filled
 };
 
-// Shades and blends a triangle's fragments of one tile.
-class TriangleShader {
- public:
-  TriangleShader(const RunState& state, Worker& worker, uint32_t triangle) : state_(state), worker_(worker) {
-    if (!worker.traits.needs_plane) {
-      in_ = MakePlainInput(state.view, triangle);
-      return;
-    }
-    const uint32_t* v = state.view.triangles[triangle];
-    plane_ = SetUpPlane(state.index_positions[v[0]], state.index_positions[v[1]], state.index_positions[v[2]]);
-    in_ = MakeFragmentInput(state.view, triangle, plane_.degenerate, worker.traits.reads_textures());
-  }
-
-  // For a target whose fragments of this triangle all have the same output: shades once, blends span by span.
-  void BlendSame(size_t t, std::span<const TileSpan> spans) {
-    const CpuTarget& target = state_.targets[t];
-    FragmentOutput out;
-    ShadeFragment(target.shader, in_, target.params, out);
-    if (out.discard) return;
-    TileBuffer& buffer = worker_.buffers[t];
-    const BlendValue value = buffer.Convert(out);
-    for (const TileSpan span : spans) {
-      buffer.Blend(span, value, in_.triangle, in_.part->rank);
-      worker_.coverage[size_t(span.row())] |= span.mask();
-    }
-  }
-
-  // For the targets of `varying`, bit by bit: voxel by voxel. `origin`: the tile's first voxel.
-  void BlendVarying(uint32_t varying, std::span<const TileSpan> spans, const int64_t (&origin)[3]) {
-    for (const TileSpan span : spans) {
-      in_.voxel[1] = origin[1] + span.row() % 8;
-      in_.voxel[2] = origin[2] + span.row() / 8;
-      for (int x = span.first(); x <= span.last(); ++x) {
-        in_.voxel[0] = origin[0] + x;
-        if (worker_.traits.needs_barycentrics) {
-          in_.barycentric = Barycentrics(plane_, in_.voxel[0], in_.voxel[1], in_.voxel[2]);
-        }
-        for (uint32_t left = varying; left != 0; left &= left - 1)
-          BlendOne(size_t(std::countr_zero(left)), span.row(), x);
-      }
-    }
-  }
-
-  const FragmentInput& input() const { return in_; }
-
- private:
-  void BlendOne(size_t t, int row, int x) {
-    const CpuTarget& target = state_.targets[t];
-    FragmentOutput out;
-    ShadeFragment(target.shader, in_, target.params, out);
-    if (out.discard) return;
-    TileBuffer& buffer = worker_.buffers[t];
-    buffer.Blend(TileSpan::At(row, x, x), buffer.Convert(out), in_.triangle, in_.part->rank);
-    worker_.coverage[size_t(row)] |= 1u << x;
-  }
-
-  const RunState& state_;
-  Worker& worker_;
-  TrianglePlane plane_;
-  FragmentInput in_;
-};
-
-void BlendTriangle(const RunState& state, Worker& worker, uint32_t triangle, std::span<const TileSpan> spans,
-                   const int64_t (&origin)[3]) {
+// Counts the fragments of a triangle of the tile.
+void CountFragments(const RunState& state, Worker& worker, uint32_t triangle, std::span<const TileSpan> spans) {
   for (const TileSpan span : spans) worker.fragments += uint64_t(span.last() - span.first() + 1);
   if (worker.any_always_present) {
     for (const TileSpan span : spans) worker.coverage[size_t(span.row())] |= span.mask();
@@ -150,18 +245,6 @@ void BlendTriangle(const RunState& state, Worker& worker, uint32_t triangle, std
     const uint32_t rank = state.view.parts[PartOf(state.view, triangle)].rank;
     for (const TileSpan span : spans) worker.owned->Add(span, rank);
   }
-  if (!worker.shades) return;
-  TriangleShader shader(state, worker, triangle);
-  uint32_t varying = 0;
-  for (size_t t = 0; t < state.targets.size(); ++t) {
-    if (state.targets[t].is_occupancy) continue;
-    if (SameForTriangle(state.targets[t].shader, shader.input())) {
-      shader.BlendSame(t, spans);
-    } else {
-      varying |= 1u << t;
-    }
-  }
-  if (varying != 0) shader.BlendVarying(varying, spans, origin);
 }
 
 // Counts what parts own. Takes out the fragments of targets that hold the owner's alone where the part that owns the
@@ -180,23 +263,28 @@ void SettleOwners(const RunState& state, Worker& worker, const VoxelRange& range
   }
 }
 
-constexpr uint64_t kTrianglesBetweenChecks = 16 * TileSpans::kTriangles;
-
+// FineRaster discards the tile if the job has ended.
 void RasterTile(RunState& state, Worker& worker, const TileRun& run, const VoxelRange& range) {
   const int64_t origin[3] = {range.begin[0], range.begin[1], range.begin[2]};
-  const RowMesh mesh = IndexSpaceMesh(state.index_positions, state.view.triangles);
   worker.coverage.fill(0);
   for (TileBuffer& buffer : worker.buffers) buffer.Begin();
   if (worker.owned) worker.owned->BeginTile();
-  for (uint64_t first = run.begin; first < run.end; first += TileSpans::kTriangles) {
-    // A tile may hold every triangle of the mesh. FineRaster discards an incomplete tile.
-    if ((first - run.begin) % kTrianglesBetweenChecks == 0 && !state.job.Check().ok()) break;
-    const auto count = int64_t(std::min<uint64_t>(TileSpans::kTriangles, run.end - first));
-    state.tile_kernels->spans_in_tile(mesh, &state.pairs[first], count, state.request.request.coverage, range,
-                                      worker.spans);
-    for (int64_t i = 0; i < count; ++i) {
-      const std::span<const TileSpan> spans(worker.spans.spans[i], size_t(worker.spans.count[i]));
-      if (!spans.empty()) BlendTriangle(state, worker, uint32_t(state.pairs[first + uint64_t(i)]), spans, origin);
+  bool counted = false;
+  const auto pass = [&](TileOrder order, std::span<const std::unique_ptr<ShadedTargets>> all) {
+    for (const auto& targets : all) targets->BeginTile(origin);
+    ForEachTriangle(state, run, range, order, worker.spans, [&](uint32_t triangle, std::span<const TileSpan> spans) {
+      if (!counted) CountFragments(state, worker, triangle, spans);
+      for (const auto& targets : all) targets->Add(triangle, spans);
+      return true;
+    });
+    for (const auto& targets : all) targets->Flush();
+    counted = true;
+  };
+  if (!worker.backward.empty()) pass(TileOrder::kBackward, worker.backward);
+  if (!worker.forward.empty() || !counted) pass(TileOrder::kForward, worker.forward);
+  if (!worker.any_always_present) {
+    for (size_t row = 0; row < worker.coverage.size(); ++row) {
+      for (const TileBuffer& buffer : worker.buffers) worker.coverage[row] |= buffer.presence(int(row));
     }
   }
   if (worker.owned) SettleOwners(state, worker, range);

@@ -13,6 +13,7 @@
 #include "cpu/base/stream.h"
 #include "cpu/base/tile_values.h"
 #include "cpu/rows/row_bits.h"
+#include "cpu/shading/shade_kernels.h"
 #include "grid/bit_grid.h"
 #include "host_mesh/host_mesh.h"
 #include "pipeline/stages/stages.h"
@@ -69,6 +70,7 @@ struct RunState : HostMesh {
   // Occupancy bits alone: rasterized by row spans instead of tiles; `pairs` and `runs` stay empty.
   const RowKernels* kernels = nullptr;
   const RowKernels* tile_kernels = nullptr;  // for tiles: the scalar kernels if coordinates do not fit the lanes
+  const ShadeKernels* shade_kernels = nullptr;
   std::unique_ptr<RowBits> row_bits;
   HostArray<Vec3d> placed_positions;       // with tiles: the storage of index_positions
   const Vec3d* index_positions = nullptr;  // per vertex, index space

@@ -31,6 +31,12 @@ absl::Status Allocate(CpuTarget& target, const RunState& state) {
   return absl::OkStatus();
 }
 
+// True if the shader may discard fragments of some of the mesh's materials.
+bool MayDiscardAny(const MeshView& mesh, FragmentShaderId shader) {
+  return std::any_of(mesh.parts, mesh.parts + mesh.part_count,
+                     [&](const PartView& part) { return MayDiscard(shader, mesh.materials[part.material]); });
+}
+
 // Once a run.
 absl::Status MakePartFills(RunState& state) {
   if (state.part_fills) return absl::OkStatus();
@@ -129,7 +135,7 @@ absl::Status BeginSlab(RunState& state, const Slab& slab) {
     target.is_occupancy = target.spec.format == VoxelFormat::kBit && target.shader == FragmentShaderId::kOccupancy;
     target.of_owner = HoldsOwner(state.request.request, target.spec) && !(target.is_occupancy && FillBit(target.spec));
     if (target.of_owner) target.is_occupancy = false;  // the owner may have no fragment where others have
-    target.own_presence = TraitsOf(target.shader).can_discard || target.of_owner;
+    target.own_presence = MayDiscardAny(state.view, target.shader) || target.of_owner;
     target.ids_unordered = state.by_parts;
     target.part_fills = (*state.part_fills)[i];
     state.needs_ranks = state.needs_ranks || target.of_owner || !target.part_fills.empty();

@@ -174,6 +174,128 @@ void TileBuffer::Blend(TileSpan span, const BlendValue& value, uint32_t triangle
   }
 }
 
+void TileBuffer::BlendUntaken(int row, uint32_t mask, const BlendValue& value, uint32_t rank) {
+  uint32_t& presence = presence_[size_t(row)];
+  mask &= ~presence;
+  presence |= mask;
+  if (kept_ == Kept::kBits) {
+    uint32_t& bits = bits_[size_t(row)];
+    bits = value.bit ? bits | mask : bits & ~mask;
+  } else {
+    for (int c = 0; c < spec_.components; ++c) {
+      int32_t* const cells = cells_.data() + c * kTileVoxels + row * 32;
+      ForEachBit(mask, [&](int bit) { cells[bit] = value.cell[c]; });
+    }
+  }
+  if (!ranks_.empty()) ForEachBit(mask, [&](int bit) { KeepRanks(row * 32 + bit, row * 32 + bit, rank); });
+}
+
+ConversionRules TileBuffer::Rules() const {
+  return {format_, u32_output_, spec_.components, scale_, spec_.quantum};
+}
+
+template <typename Visit>
+void TileBuffer::ForEachBlended(const FragmentBatch& batch, const ShadedBatch& shaded, bool untaken,
+                                const Visit& visit) {
+  for (int i = 0; i < batch.count; ++i) {
+    if (shaded.discard[i] != 0) continue;
+    const uint32_t place = batch.place[i], row = place / 32;
+    const uint32_t bit = 1u << (place % 32), before = presence_[row];
+    const bool present = (before & bit) != 0;
+    if (untaken && present) continue;
+    if (before == 0) BeginRow(int(row));
+    presence_[row] = before | bit;
+    if (!ranks_.empty()) KeepRanks(int(place), int(place), batch.part->rank);
+    visit(i, place, present);
+  }
+}
+
+template <int kComponents>
+void TileBuffer::BlendCells(const FragmentBatch& batch, const ShadedBatch& shaded, const BatchCells& cells,
+                            bool untaken) {
+  const auto update = [&](const auto& blend) {
+    ForEachBlended(batch, shaded, untaken, [&](int i, uint32_t place, bool) {
+      for (uint32_t c = 0; c < kComponents; ++c) {
+        int32_t& cell = cells_[c * kTileVoxels + place];
+        const auto v = int32_t(cells[c][i]);
+        cell = blend(cell, int32_t(cells[c][i] ^ (v < 0 ? flip_negative_ : flip_positive_)));
+      }
+    });
+  };
+  switch (spec_.blend) {
+    case Blend::kReplace: return update([](int32_t, int32_t v) { return v; });
+    case Blend::kMin: return update([](int32_t kept, int32_t v) { return std::min(kept, v); });
+    case Blend::kMax: return update([](int32_t kept, int32_t v) { return std::max(kept, v); });
+    case Blend::kOr: return update([](int32_t kept, int32_t v) { return kept | v; });
+    case Blend::kAnd: return update([](int32_t kept, int32_t v) { return kept & v; });
+    default:  // first
+      return ForEachBlended(batch, shaded, untaken, [&](int i, uint32_t place, bool present) {
+        if (!IsFirst(batch, i, place, present)) return;
+        for (uint32_t c = 0; c < kComponents; ++c) cells_[c * kTileVoxels + place] = int32_t(cells[c][i]);
+      });
+  }
+}
+
+template <int kComponents>
+void TileBuffer::AddTerms(const FragmentBatch& batch, const ShadedBatch& shaded, const BatchTerms& terms) {
+  const auto add = [&](int i, uint32_t place) {
+    for (uint32_t c = 0; c < kComponents; ++c) sums_[c * kTileVoxels + place] += terms[c][i];
+  };
+  if (kept_ == Kept::kSums) {
+    return ForEachBlended(batch, shaded, false, [&](int i, uint32_t place, bool) { add(i, place); });
+  }
+  ForEachBlended(batch, shaded, false, [&](int i, uint32_t place, bool) {
+    ++counts_[place];
+    add(i, place);
+  });
+}
+
+bool TileBuffer::IsFirst(const FragmentBatch& batch, int i, uint32_t place, bool present) {
+  if (ids_.empty()) return !present;
+  const uint32_t id = batch.triangle[batch.triangle_of[i]] + batch.part->id_offset;
+  if (present && id >= ids_[place]) return false;
+  ids_[place] = id;
+  return true;
+}
+
+void TileBuffer::BlendBatch(const ShadeKernels& kernels, const FragmentBatch& batch, const ShadedBatch& shaded,
+                            bool untaken) {
+  switch (kept_) {
+    case Kept::kBits:
+      return ForEachBlended(batch, shaded, untaken, [&](int i, uint32_t place, bool present) {
+        const bool bit = spec_.blend == Blend::kCount || ToBit(OutputOf(shaded, u32_output_, i), u32_output_);
+        if (spec_.blend == Blend::kFirst && !IsFirst(batch, i, place, present)) return;
+        uint32_t& bits = bits_[place / 32];
+        const uint32_t mask = 1u << (place % 32);
+        const bool kept = spec_.blend == Blend::kFirst ? bit : BlendBit(spec_.blend, (bits & mask) != 0, bit);
+        bits = kept ? bits | mask : bits & ~mask;
+      });
+    case Kept::kCells: {
+      alignas(64) BatchCells cells;
+      kernels.to_cells(shaded, batch.count, Rules(), cells);
+      switch (spec_.components) {
+        case 1: return BlendCells<1>(batch, shaded, cells, untaken);
+        case 2: return BlendCells<2>(batch, shaded, cells, untaken);
+        case 3: return BlendCells<3>(batch, shaded, cells, untaken);
+        default: return BlendCells<4>(batch, shaded, cells, untaken);
+      }
+    }
+    case Kept::kCounts:
+      return ForEachBlended(batch, shaded, untaken, [&](int, uint32_t place, bool) { ++counts_[place]; });
+    case Kept::kSums:
+    case Kept::kAverages: {
+      alignas(64) BatchTerms terms;
+      kernels.to_terms(shaded, batch.count, Rules(), terms);
+      switch (spec_.components) {
+        case 1: return AddTerms<1>(batch, shaded, terms);
+        case 2: return AddTerms<2>(batch, shaded, terms);
+        case 3: return AddTerms<3>(batch, shaded, terms);
+        default: return AddTerms<4>(batch, shaded, terms);
+      }
+    }
+  }
+}
+
 void TileBuffer::StoredRow(int row, int c, uint32_t mask, uint32_t* out) const {
   const int first = row * 32;
   const int64_t at = int64_t{c} * kTileVoxels + first;

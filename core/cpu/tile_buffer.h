@@ -8,6 +8,7 @@
 
 #include "cpu/rows/tile_spans.h"
 #include "cpu/run_state.h"
+#include "cpu/shading/shade_kernels.h"
 #include "shaders/blend_ops.h"
 
 namespace voxelpipe::cpu {
@@ -32,6 +33,10 @@ class TileBuffer {
   // Blends one fragment into each voxel of a span. Fragments of a voxel arrive by ascending triangle id; where parts
   // are filled by ascending rank of their part, and then `first` looks at the triangle's id. `rank`: PartView::rank.
   void Blend(TileSpan span, const BlendValue& value, uint32_t triangle, uint32_t rank = 0);
+  // Blends a value into the voxels of a row that are in `mask` and have no fragment yet; for `replace` and `first`.
+  void BlendUntaken(int row, uint32_t mask, const BlendValue& value, uint32_t rank);
+  // Blends the fragments of a batch in its order, those that are not discarded. `untaken`: as BlendUntaken.
+  void BlendBatch(const ShadeKernels& kernels, const FragmentBatch& batch, const ShadedBatch& shaded, bool untaken);
   // Only for targets that hold the owner's fragment alone: takes out the fragments of a row's voxels in whose place
   // there is a higher rank in `ranks`.
   void DropBelow(int row, std::span<const uint16_t> ranks);
@@ -52,6 +57,16 @@ class TileBuffer {
   void BeginRow(int row);
   // Of the voxels from first to last.
   void KeepRanks(int first, int last, uint32_t rank);
+  ConversionRules Rules() const;
+  // Calls visit(i, place, present) for each fragment of a batch that is blended; `present`: the voxel has one already.
+  template <typename Visit>
+  void ForEachBlended(const FragmentBatch& batch, const ShadedBatch& shaded, bool untaken, const Visit& visit);
+  // For `first`: true if a fragment is the first of its voxel so far.
+  bool IsFirst(const FragmentBatch& batch, int i, uint32_t place, bool present);
+  template <int kComponents>
+  void BlendCells(const FragmentBatch& batch, const ShadedBatch& shaded, const BatchCells& cells, bool untaken);
+  template <int kComponents>
+  void AddTerms(const FragmentBatch& batch, const ShadedBatch& shaded, const BatchTerms& terms);
   // Of the voxels in `mask`, those in which the triangle is the first so far.
   uint32_t FirstIn(int row, uint32_t mask, uint32_t before, uint32_t triangle);
   template <typename Update>

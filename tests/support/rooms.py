@@ -20,7 +20,7 @@ core/shaders/texture core/shaders/interface core/shaders/fragment core/shaders/v
 core/load/base core/load/stl core/load/ply core/load/off core/load/obj core/load/decode
 core/load/threemf core/load/gltf/document core/load/gltf/geometry core/load/gltf core/load
 core/pipeline/plan core/pipeline/stages
-core/host_mesh core/cpu/base core/cpu/rows core/cpu
+core/host_mesh core/cpu/base core/cpu/rows core/cpu/shading core/cpu
 core/pipeline
 core/cuda/device core/cuda/primitives core/cuda/plan core/cuda/run core/cuda/vertex core/cuda/traversal
 core/cuda/occupancy core/cuda/coverage core/cuda/shading core/cuda/scatter core/cuda/a_buffer
