@@ -35,65 +35,6 @@ void SetOrigin(FragmentBatch& batch, const VoxelRange& tile) {
   for (int a = 0; a < 3; ++a) batch.origin[a] = int32_t(tile.begin[a]);
 }
 
-// Drops fragments that the shaders of all targets discard.
-class Discarder {
- public:
-  explicit Discarder(const RunState& state) : state_(state), part_(state.view), shaders_(ShadersOf(state)) {
-    batch_.mesh = &state.view;
-  }
-
-  // True if fragments of the triangle may be dropped, by its material.
-  bool MayDrop(uint32_t triangle) {
-    if (part_.IsIn(triangle)) return may_drop_;
-    part_.MoveTo(triangle);
-    batch_.part = &part_.part();
-    const MaterialView& material = state_.view.materials[part_.part().material];
-    may_drop_ = std::all_of(state_.targets.begin(), state_.targets.end(),
-                            [&](const CpuTarget& t) { return MayDiscard(t.shader, material); });
-    return may_drop_;
-  }
-
-  void BeginTile(const VoxelRange& range) { SetOrigin(batch_, range); }
-
-  // In: the spans of a triangle that MayDrop. Out: kept[i] are the voxels of span i whose fragment a target keeps.
-  void Keep(uint32_t triangle, std::span<const TileSpan> spans, uint32_t* kept) {
-    for (size_t i = 0; i < spans.size(); ++i) {
-      const TileSpan span = spans[i];
-      kept[i] = 0;
-      for (int x = span.first(); x <= span.last(); ++x) {
-        if (batch_.count == 0) batch_.AddTriangle(triangle);
-        at_[batch_.count] = {uint32_t(i), uint32_t(x)};
-        batch_.AddFragment(size_t(span.row() * 32 + x));
-        if (batch_.full()) Flush(kept);
-      }
-    }
-    if (batch_.count > 0) Flush(kept);
-  }
-
- private:
-  struct Place {
-    uint32_t span, x;
-  };
-
-  void Flush(uint32_t* kept) {
-    batch_.Complete();
-    state_.shade_kernels->place(batch_);
-    for (const BuiltInShader& shader : shaders_) {
-      shader.Shade(batch_, shaded_);
-      for (int i = 0; i < batch_.count; ++i) kept[at_[i].span] |= uint32_t(shaded_.discard[i] == 0) << at_[i].x;
-    }
-    batch_.Clear();
-  }
-
-  const RunState& state_;
-  PartCursor part_;
-  bool may_drop_ = false;
-  const Shaders shaders_;
-  FragmentBatch batch_;
-  ShadedBatch shaded_;
-  Place at_[kBatchFragments];
-};
-
 // A tile may hold every triangle of the mesh, so the job is checked within tiles too. An incomplete tile is discarded.
 constexpr uint64_t kItemsBetweenChecks = 512;
 
@@ -130,35 +71,92 @@ class RecordWriter {
   std::vector<RowFragments> records_;
 };
 
-// What a thread needs to emit.
-struct Emitter {
-  Emitter(const RunState& state, ValueArena& arena, ListCount& count) : records(arena, count), discarder(state) {}
+// Makes the records of tiles. Drops the fragments that the shaders of all targets discard.
+class Emitter {
+ public:
+  Emitter(const RunState& state, ValueArena& arena, ListCount& count)
+      : state_(state), records_(arena, count), part_(state.view), shaders_(ShadersOf(state)) {
+    batch_.mesh = &state.view;
+  }
 
-  RecordWriter records;
-  Discarder discarder;
-  TileSpans spans;
-};
+  void Emit(const TileRun& run, TileFragments& tile) {
+    const VoxelRange range = TileVoxels(state_.tiles, state_.pairs[run.begin] >> 32, state_.dims);
+    SetOrigin(batch_, range);
+    tile_ = &tile;
+    ForEachTriangle(state_, run, range, TileOrder::kForward, spans_,
+                    [&](uint32_t triangle, std::span<const TileSpan> spans) {
+                      if (!part_.IsIn(triangle)) EnterPartOf(triangle);
+                      for (const TileSpan span : spans) {
+                        const RowFragments record{triangle, span.mask(), uint32_t(span.row())};
+                        may_drop_ ? Shade(record) : Add(record);
+                      }
+                      return records_.MayGoOn();
+                    });
+    Flush();
+    records_.Flush(tile);
+  }
 
-void EmitTile(const RunState& state, const TileRun& run, Emitter& emitter, TileFragments& tile) {
-  const VoxelRange range = TileVoxels(state.tiles, state.pairs[run.begin] >> 32, state.dims);
-  emitter.discarder.BeginTile(range);
-  const auto emit = [&](uint32_t triangle, std::span<const TileSpan> spans) {
-    uint32_t kept[kTileRows];
-    const bool may_drop = emitter.discarder.MayDrop(triangle);
-    if (may_drop) emitter.discarder.Keep(triangle, spans, kept);
-    for (size_t i = 0; i < spans.size(); ++i) {
-      const auto row = uint32_t(spans[i].row());
-      const uint32_t mask = may_drop ? kept[i] : spans[i].mask();
-      if (mask == 0) continue;
-      emitter.records.Add({triangle, mask, row}, tile);
-      tile.row_voxels[row] |= mask;
-      tile.row_fragments[row] += uint64_t(std::popcount(mask));
+ private:
+  void EnterPartOf(uint32_t triangle) {
+    Flush();
+    part_.MoveTo(triangle);
+    batch_.part = &part_.part();
+    const MaterialView& material = state_.view.materials[part_.part().material];
+    may_drop_ = std::all_of(state_.targets.begin(), state_.targets.end(),
+                            [&](const CpuTarget& t) { return MayDiscard(t.shader, material); });
+  }
+
+  void Add(const RowFragments& record) {
+    if (record.mask == 0) return;
+    records_.Add(record, *tile_);
+    tile_->row_voxels[record.row] |= record.mask;
+    tile_->row_fragments[record.row] += uint64_t(std::popcount(record.mask));
+  }
+
+  // Adds the record once it is known which of its fragments are kept.
+  void Shade(const RowFragments& record) {
+    uncertain_.push_back({record.triangle, 0, record.row});
+    for (uint32_t left = record.mask; left != 0; left &= left - 1) {
+      if (batch_.full()) {
+        Flush();
+        uncertain_.push_back({record.triangle, 0, record.row});
+      }
+      if (batch_.count == 0 || batch_.triangle[batch_.triangles - 1] != record.triangle) {
+        batch_.AddTriangle(record.triangle);
+      }
+      record_of_[batch_.count] = uint32_t(uncertain_.size() - 1);
+      batch_.AddFragment(record.row * 32 + size_t(std::countr_zero(left)));
     }
-    return emitter.records.MayGoOn();
-  };
-  ForEachTriangle(state, run, range, TileOrder::kForward, emitter.spans, emit);
-  emitter.records.Flush(tile);
-}
+  }
+
+  void Flush() {
+    if (batch_.count > 0) {
+      batch_.Complete();
+      state_.shade_kernels->place(batch_);
+      for (const BuiltInShader& shader : shaders_) {
+        shader.Shade(batch_, shaded_);
+        for (int i = 0; i < batch_.count; ++i) {
+          uncertain_[record_of_[i]].mask |= uint32_t(shaded_.discard[i] == 0) << (batch_.place[i] % 32);
+        }
+      }
+      for (const RowFragments& record : uncertain_) Add(record);
+    }
+    uncertain_.clear();
+    batch_.Clear();
+  }
+
+  const RunState& state_;
+  RecordWriter records_;
+  TileFragments* tile_ = nullptr;
+  TileSpans spans_;
+  PartCursor part_;
+  bool may_drop_ = false;  // all targets' shaders may discard fragments of the part
+  const Shaders shaders_;
+  FragmentBatch batch_;
+  ShadedBatch shaded_;
+  std::vector<RowFragments> uncertain_;  // the records of the batch, with the fragments that are kept
+  uint32_t record_of_[kBatchFragments];  // of each fragment
+};
 
 // Writes a tile's voxels, offsets, triangles and shaded fragments.
 class TileResolver {
@@ -323,7 +321,7 @@ absl::Status EmitFragments(RunState& state) {
   const absl::Status s = ParallelChunks(int64_t(runs.size()), 1, state.job, [&](int64_t begin, int64_t end) {
     Emitter& emitter = emitters.local();
     for (int64_t i = begin; i < end && !count.stopped(); ++i) {
-      EmitTile(state, runs[size_t(i)], emitter, out.tiles[size_t(i)]);
+      emitter.Emit(runs[size_t(i)], out.tiles[size_t(i)]);
     }
   });
   out.list_bytes = count.bytes();
