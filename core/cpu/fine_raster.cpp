@@ -10,17 +10,15 @@
 #include <span>
 
 #include "base/parallel.h"
-#include "cpu/base/part_cursor.h"
 #include "cpu/base/stream.h"
 #include "cpu/dense_fill.h"
 #include "cpu/rows/tile_spans.h"
 #include "cpu/run_state.h"
-#include "cpu/shading/batch_shader.h"
+#include "cpu/shaded_targets.h"
 #include "cpu/sparse.h"
 #include "cpu/tile_buffer.h"
 #include "cpu/tile_runs.h"
 #include "pipeline/plan/list_memory.h"
-#include "shaders/interface/fragment_input.h"
 
 namespace voxelpipe::cpu {
 namespace {
@@ -57,157 +55,6 @@ class OwnedVoxels {
   std::array<uint32_t, kTileRows> touched_{};
   std::array<uint16_t, size_t(kTileRows) * 32> ranks_{};  // the highest of each voxel that is touched
   std::vector<int64_t> voxels_;
-};
-
-// Which fragments of a voxel a target blends. Those that only keep one are shaded for it alone: a tile's triangles come
-// in the order in which the first fragment in a voxel wins.
-enum class Wanted : uint8_t { kAll, kFirst, kLast };
-
-Wanted WantedBy(const CpuTarget& target) {
-  if (!TraitsOf(target.shader).needs_plane) return Wanted::kAll;  // cheaper shaded than left out
-  if (target.spec.blend == Blend::kReplace) return Wanted::kLast;
-  return target.spec.blend == Blend::kFirst && !target.ids_unordered ? Wanted::kFirst : Wanted::kAll;
-}
-
-// The targets that want the same fragments: shades these in batches and blends them.
-class ShadedTargets {
- public:
-  // `buffers`: of all targets; outlives this.
-  ShadedTargets(const RunState& state, Wanted wanted, std::vector<TileBuffer>& buffers)
-      : state_(state), winners_(wanted != Wanted::kAll), buffers_(buffers), part_(state.view) {
-    shaders_.resize(state.targets.size());
-    for (size_t t = 0; t < state.targets.size(); ++t) {
-      const CpuTarget& target = state.targets[t];
-      if (target.is_occupancy || WantedBy(target) != wanted) continue;
-      targets_ |= 1u << t;
-      traits_ |= TraitsOf(target.shader);
-      shaders_[t].emplace(*state.shade_kernels, target.shader, target.params);
-    }
-    batch_.mesh = &state.view;
-  }
-
-  bool empty() const { return targets_ == 0; }
-
-  void BeginTile(const int64_t (&origin)[3]) {
-    for (int a = 0; a < 3; ++a) batch_.origin[a] = int32_t(origin[a]);
-    taken_.fill(0);
-  }
-
-  // A triangle's fragments in the tile.
-  void Add(uint32_t triangle, std::span<const TileSpan> spans) {
-    if (!part_.IsIn(triangle)) {
-      Flush();
-      EnterPartOf(triangle);
-    }
-    if (same_ != 0) BlendSame(triangle, spans);
-    bool added = varying_ == 0;
-    for (const TileSpan span : spans) {
-      const size_t row = size_t(span.row());
-      uint32_t mask = span.mask();
-      if (winners_) {
-        mask &= ~taken_[row];
-        if (!may_discard_) taken_[row] |= mask;
-      }
-      if (varying_ == 0) continue;
-      for (; mask != 0; mask &= mask - 1) {
-        if (batch_.full()) {
-          Flush();
-          added = false;
-        }
-        if (!added) batch_.AddTriangle(triangle);
-        added = true;
-        batch_.AddFragment(row * 32 + size_t(std::countr_zero(mask)));
-      }
-    }
-  }
-
-  // Shades and blends what was added.
-  void Flush() {
-    if (batch_.count > 0) {
-      batch_.Complete();
-      if (traits_.needs_plane) state_.shade_kernels->place(batch_);
-      for (uint32_t left = varying_; left != 0; left &= left - 1) {
-        const auto t = size_t(std::countr_zero(left));
-        shaders_[t]->Shade(batch_, shaded_);
-        buffers_[t].BlendBatch(*state_.shade_kernels, batch_, shaded_, winners_);
-      }
-      if (winners_ && may_discard_) FindTaken();
-    }
-    batch_.Clear();
-  }
-
- private:
-  void EnterPartOf(uint32_t triangle) {
-    part_.MoveTo(triangle);
-    batch_.part = &part_.part();
-    const FragmentInput in = MakePlainInput(state_.view, triangle);
-    same_ = varying_ = 0;
-    may_discard_ = false;
-    for (uint32_t left = targets_; left != 0; left &= left - 1) {
-      const int t = std::countr_zero(left);
-      const FragmentShaderId shader = state_.targets[size_t(t)].shader;
-      (SameForTriangle(shader, in) ? same_ : varying_) |= 1u << t;
-      may_discard_ = may_discard_ || MayDiscard(shader, in.material());
-    }
-  }
-
-  // For the targets whose fragments of a triangle all have the same output: shades once, blends span by span.
-  void BlendSame(uint32_t triangle, std::span<const TileSpan> spans) {
-    if (winners_ && std::all_of(spans.begin(), spans.end(),
-                                [&](TileSpan span) { return (span.mask() & ~taken_[size_t(span.row())]) == 0; })) {
-      return;
-    }
-    const FragmentInput in = InputOf(triangle);
-    for (uint32_t left = same_; left != 0; left &= left - 1) {
-      const auto t = size_t(std::countr_zero(left));
-      const CpuTarget& target = state_.targets[t];
-      FragmentOutput out;
-      ShadeFragment(target.shader, in, target.params, out);
-      if (out.discard) continue;
-      TileBuffer& buffer = buffers_[t];
-      const BlendValue value = buffer.Convert(out);
-      for (const TileSpan span : spans) {
-        if (winners_) {
-          buffer.BlendUntaken(span.row(), span.mask(), value, in.part->rank);
-        } else {
-          buffer.Blend(span, value, in.triangle, in.part->rank);
-        }
-      }
-    }
-  }
-
-  FragmentInput InputOf(uint32_t triangle) const {
-    if (!traits_.needs_plane) return MakePlainInput(state_.view, triangle);
-    const uint32_t* v = state_.view.triangles[triangle];
-    const Vec3d* p = state_.index_positions;
-    return MakeFragmentInput(state_.view, triangle, SetUpPlane(p[v[0]], p[v[1]], p[v[2]]).degenerate, false);
-  }
-
-  // The voxels that all targets have.
-  void FindTaken() {
-    for (size_t row = 0; row < taken_.size(); ++row) {
-      uint32_t all = ~0u;
-      for (uint32_t left = targets_; left != 0; left &= left - 1) {
-        all &= buffers_[size_t(std::countr_zero(left))].presence(int(row));
-      }
-      taken_[row] = all;
-    }
-  }
-
-  const RunState& state_;
-  const bool winners_;  // of each voxel the first fragment in the order of the triangles is wanted
-  std::vector<TileBuffer>& buffers_;
-  std::vector<std::optional<BuiltInShader>> shaders_;  // by target
-  ShaderTraits traits_;                                // the union of their traits
-  uint32_t targets_ = 0;                               // a bit each
-  // Of the part whose triangles come.
-  PartCursor part_;
-  uint32_t same_ = 0, varying_ = 0;  // targets
-  bool may_discard_ = false;
-  // Of the tile.
-  std::array<uint32_t, kTileRows> taken_{};  // winners_: voxels of which no further fragment is wanted
-  FragmentBatch batch_;
-  ShadedBatch shaded_;
 };
 
 // Scratch memory of one thread.

@@ -37,7 +37,8 @@ struct FragmentShaderTraits {
   static constexpr bool kIsFraction = false;  // gives fractions: integers without a scale keep whole numbers
   // Textures of the material that it samples.
   static constexpr bool kReadsBaseColor = false, kReadsEmissive = false, kReadsMetallicRoughness = false;
-  // True if all fragments of the triangle have the same output, whatever their `voxel` and `barycentric`.
+  // True if all fragments of a triangle have the same output, whatever their `voxel` and `barycentric`; the same for all
+  // triangles of a part.
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput&) { return false; }
 };
 
