@@ -11,9 +11,9 @@
 
 namespace voxelpipe::cuda {
 
-// A block of host memory, contents undefined, 64-byte aligned, from a process-wide pool of pinned blocks. It is
-// pageable memory if the pool is at its limit or the system refuses to pin more. The destructor returns it to the pool:
-// the device must be done with it. Movable.
+// A block of host memory to copy through, contents undefined, 64-byte aligned, from a process-wide pool of pinned
+// blocks. It is pageable memory if the pool is at its limit or the system refuses to pin more. The destructor returns
+// it to the pool: the device must be done with it. Movable.
 class PinnedBuffer {
  public:
   PinnedBuffer() = default;
@@ -24,7 +24,7 @@ class PinnedBuffer {
   // RESOURCE_EXHAUSTED names the size if the system has no memory for it. Thread-safe.
   static absl::StatusOr<PinnedBuffer> Take(uint64_t bytes);
 
-  static PinnedBuffer Own(uint8_t* block, uint64_t bytes);  // a block of TakePinned(bytes)
+  static PinnedBuffer Own(uint8_t* block, uint64_t bytes);  // a pinned block of that pool
 
   uint8_t* data() { return data_; }
   const uint8_t* data() const { return data_; }
@@ -44,13 +44,19 @@ class PinnedBuffer {
 absl::Status StagedCopy(void* to, const void* from, uint64_t bytes, cudaStream_t stream,
                         std::vector<PinnedBuffer>& staged);
 
-// The pool's interface: a pinned block of at least `bytes`, or nullptr. Thread-safe.
+// Copies from the device in `stream` order to pageable memory, through pinned memory if it is much: threads of the
+// calling thread's arena, which touch fresh pages, empty it while the device goes on. `to` is in use until the stream's
+// work is done, even after an error.
+absl::Status ReadBack(void* to, const void* from, uint64_t bytes, cudaStream_t stream);
+
+// The pool of results: a pinned block of at least `bytes`, or nullptr. Thread-safe.
 void* TakePinned(uint64_t bytes);
 void ReturnPinned(void* block, uint64_t bytes);
 
 // Releases idle blocks to the system now, and blocks in use when they return. Called before a device reset.
 void ForgetPinned();
 
+// Of both pools.
 struct PinnedUse {
   uint64_t bytes = 0, idle_bytes = 0, most_bytes = 0;  // pinned in all, idle of them, and the limit
 };

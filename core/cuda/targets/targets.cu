@@ -75,16 +75,15 @@ constexpr uint64_t kMinPinned = 64 << 10;
 
 // The buffer is in use until the stream's work is done, even after an error.
 absl::Status CopyToHost(const void* from, uint64_t bytes, cudaStream_t stream, HostBuffer& to) {
-  void* const block = bytes < kMinPinned ? nullptr : TakePinned(bytes);
-  if (block != nullptr) {
+  if (void* const block = bytes < kMinPinned ? nullptr : TakePinned(bytes); block != nullptr) {
     to = HostBuffer::Adopt(block, bytes, &ReturnPinned);
-  } else {
-    absl::StatusOr<HostBuffer> allocated = HostBuffer::Allocate(bytes);
-    if (!allocated.ok()) return allocated.status();
-    to = *std::move(allocated);
+    VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(to.data(), from, bytes, cudaMemcpyDeviceToHost, stream));
+    return absl::OkStatus();
   }
-  if (bytes > 0) VOXELPIPE_CUDA_OR_RETURN(cudaMemcpyAsync(to.data(), from, bytes, cudaMemcpyDeviceToHost, stream));
-  return absl::OkStatus();
+  absl::StatusOr<HostBuffer> allocated = HostBuffer::Allocate(bytes);
+  if (!allocated.ok()) return allocated.status();
+  to = *std::move(allocated);
+  return bytes > 0 ? ReadBack(to.data(), from, bytes, stream) : absl::OkStatus();
 }
 
 // Packs the bits of a bit target.
