@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
@@ -45,25 +46,40 @@ absl::Status UploadIf(RunState& state, bool wanted, bool kept, const char* part,
   return absl::OkStatus();
 }
 
+// Device addresses of host arrays: several textures may have one image.
+using Uploaded = std::unordered_map<const void*, const void*>;
+
+// Uploads texels, once, or finds them cached with the mesh, and sets `texels` to their device address.
+template <typename T>
+absl::Status UploadTexels(RunState& state, const std::string& part, uint64_t count, Uploaded& uploaded,
+                          DeviceArray<T>& to, const T*& texels) {
+  const auto [known, fresh] = uploaded.try_emplace(texels, nullptr);
+  if (fresh) {
+    const T* there = nullptr;
+    VOXELPIPE_OK_OR_RETURN(UploadIf(state, true, true, part.c_str(), texels, count, to, there));
+    known->second = there;
+  }
+  texels = static_cast<const T*>(known->second);
+  return absl::OkStatus();
+}
+
 absl::Status UploadTextures(RunState& state) {
   const HostMesh& host = state.host;
   DeviceMesh& mesh = state.mesh;
   std::vector<TextureView> textures = host.textures;
   mesh.images.resize(textures.size());
   mesh.mips.resize(textures.size());
+  Uploaded uploaded;
   for (size_t i = 0; i < textures.size(); ++i) {
     TextureView& t = textures[i];
     if (t.rgba == nullptr) continue;
     // A texture is listed twice, as linear values and as sRGB colours, with one image.
-    if (i > 0 && host.textures[i - 1].rgba == t.rgba) {
-      t.rgba = textures[i - 1].rgba;
-    } else {
-      VOXELPIPE_OK_OR_RETURN(mesh.images[i].Upload({t.rgba, uint64_t{t.width} * t.height * 4}, state.stream));
-      t.rgba = mesh.images[i].data();
-    }
+    const int32_t image = host.mesh.textures[i / 2].image;
+    VOXELPIPE_OK_OR_RETURN(UploadTexels(state, absl::StrCat("image", image), uint64_t{t.width} * t.height * 4, uploaded,
+                                        mesh.images[i], t.rgba));
     if (t.mips == nullptr) continue;
-    VOXELPIPE_OK_OR_RETURN(mesh.mips[i].Upload({t.mips, LevelOffset(t.width, t.height, t.levels)}, state.stream));
-    t.mips = mesh.mips[i].data();
+    VOXELPIPE_OK_OR_RETURN(UploadTexels(state, absl::StrCat(t.srgb ? "srgb_mips" : "linear_mips", image),
+                                        LevelOffset(t.width, t.height, t.levels), uploaded, mesh.mips[i], t.mips));
   }
   VOXELPIPE_OK_OR_RETURN(mesh.textures.Upload(textures, state.stream));
   mesh.host_view.textures = mesh.textures.data();

@@ -184,22 +184,19 @@ class Parity {
     return true;
   }
 
-  // Of rows that many parts cross.
-  void RunRowsInRanges(const ParityMesh& named, const TriangleMesh& mesh) {
-    const ParityCase c = CaseOfRanges();
-    const std::string line = absl::StrCat(named.name, "_ranges#0 ", Describe(c));
+  // A case of memory_parity.h. `find` returns what is wrong.
+  template <typename Find>
+  void RunAlone(const std::string& line, const ParityCase& c, const Find& find) {
     if (options_.list || options_.self || !absl::StrContains(line, options_.filter)) return;
     ++cases_;
-    if (const auto difference = RowsInRanges(mesh, c)) Differ(c, line, *difference);
+    if (const auto wrong = find()) Differ(c, line, *wrong);
   }
 
   void RunOutOfMemory() {
-    const std::string line = "out_of_memory#0 8 x f32x4 dense 28000x28000x8, which are the fewest layers";
-    if (options_.list || !absl::StrContains(line, options_.filter)) return;
-    ++cases_;
     std::string refusal;
-    if (const auto wrong = MoreThanDevicesHave(refusal)) return Differ(ParityCase(), line, *wrong);
-    ++refused_["out of memory: " + refusal];
+    RunAlone("out_of_memory#0 8 x f32x4 dense 28000x28000x8, which are the fewest layers", {},
+             [&] { return MoreThanDevicesHave(refusal); });
+    if (!refusal.empty()) ++refused_["out of memory: " + refusal];
   }
 
   // All fragments in one of 64 slabs, where the plan spreads them: what lists come to need more is taken from the job's
@@ -402,7 +399,11 @@ bool RunParts(Parity& parity, const ParityOptions& options) {
     TriangleMesh mesh = named.make();
     std::vector<ParityCase> cases = PartCases(named, options.quick);
     if (!parity.RunMesh(named, mesh, cases, options.quick ? 1 : 0)) return false;
-    if (named.name == "parts_rows") parity.RunRowsInRanges(named, mesh);
+    const ParityCase ranges = CaseOfRanges();
+    if (named.name == "parts_rows") {
+      parity.RunAlone(absl::StrCat(named.name, "_ranges#0 ", Describe(ranges)), ranges,
+                      [&] { return RowsInRanges(mesh, ranges); });
+    }
     if (options.quick) continue;
     mesh.content_id = "parts of " + named.name;
     for (size_t i = 0; i < cases.size(); i += 3) cases[i].request.parts = {};
@@ -449,6 +450,7 @@ void RunAll(Parity& parity, BatchParity& batches, const ParityOptions& options) 
   }
   if (!RunParts(parity, options)) return;
   if (in_batches) batches.Finish();
+  parity.RunAlone("kept_texture#0 of 64x64 texels, by two textures", {}, TextureOfKeptMesh);
   if (!options.self) parity.RunBeyondThePlan();
   if (options.quick) return;
   if (!options.self) parity.RunOutOfMemory();

@@ -1,14 +1,18 @@
 #include "gpu/parity/memory_parity.h"
 
+#include <memory>
+
 #include "absl/strings/match.h"
 #include "absl/strings/str_cat.h"
 #include "base/device_failure.h"
 #include "gpu/parity/first_difference.h"
 #include "gpu/parity/parity_run.h"
+#include "load/decode/image.h"
 #include "pipeline/voxelize.h"
 #include "support/meshes/meshes.h"
 #ifdef VOXELPIPE_HAVE_CUDA
 #include "cuda/device/device.h"
+#include "cuda/device/mesh_uploads.h"
 #endif
 
 namespace voxelpipe::gpu {
@@ -78,6 +82,46 @@ std::optional<std::string> MoreThanDevicesHave(std::string& refusal) {
   const absl::Status after = Voxelize(mesh, c.request, {JobContext()}).status();
   if (!after.ok()) return "afterwards: " + Message(after);
   refusal = Message(status);
+  return std::nullopt;
+}
+
+std::optional<std::string> TextureOfKeptMesh() {
+#ifdef VOXELPIPE_HAVE_CUDA
+  TriangleMesh mesh = testing::AttributedSoup(200, 24, 5);
+  auto image = std::make_shared<Image>();
+  image->width = image->height = 64;
+  for (uint32_t i = 0; i < 4 * 64 * 64; ++i) image->rgba.push_back(uint8_t(i * 2654435761u >> 24));
+  mesh.images = {image};
+  mesh.textures = {Texture{.image = 0}, Texture{.image = 0, .nearest = true}};
+  mesh.materials[0].emissive.texture = 1;
+  if (absl::Status s = PrepareTextures(mesh); !s.ok()) return Message(s);
+  mesh.content_id = "with a texture";
+  ParityCase c;
+  c.request.grid = Placed({24, 24, 24}, {0, 0, 0}, {1, 1, 1});
+  c.request.targets.resize(2);
+  for (size_t t = 0; t < 2; ++t) {
+    TargetSpec& target = c.request.targets[t];
+    target.format = VoxelFormat::kU8;
+    target.components = t == 0 ? 4 : 3;
+    target.blend = Blend::kReplace;
+    target.shader = {t == 0 ? "base_color" : "emissive", {}};
+  }
+  c.request.backend = BackendChoice::kCpu;
+  const absl::StatusOr<Delivered> expected = Run(mesh, c);
+  if (!expected.ok()) return Message(expected.status());
+  c.request.backend = BackendChoice::kCuda;
+  const uint64_t texels = 4 * 64 * 64;
+  for (int run = 0; run < 3; ++run) {
+    const uint64_t before = cuda::MeshUploadedBytes(0);
+    const absl::StatusOr<Delivered> got = Run(mesh, c);
+    const uint64_t uploaded = cuda::MeshUploadedBytes(0) - before;
+    if (!got.ok()) return Message(got.status());
+    if (const auto difference = FirstDifference(*expected, *got)) return absl::StrCat("run ", run, ": ", *difference);
+    if (run > 0 ? uploaded >= texels / 4 : uploaded < texels) {
+      return absl::StrCat("run ", run, ": ", uploaded, " bytes of the mesh went up");
+    }
+  }
+#endif
   return std::nullopt;
 }
 

@@ -1,4 +1,4 @@
-// Runs for which a device has little memory, or none.
+// Runs for which a device has little memory, or none, and what it keeps.
 #pragma once
 
 #include <optional>
@@ -23,5 +23,9 @@ std::optional<std::string> RowsInRanges(const TriangleMesh& mesh, ParityCase c);
 // Requests for more than any device has, and for more than the backend counts: marked for another one to try, and what
 // comes after them works. Out: what is wrong; in `refusal` what the first one gave.
 std::optional<std::string> MoreThanDevicesHave(std::string& refusal);
+
+// A mesh that the device keeps, two of whose textures have one image: texels and levels go up once, and every run gives
+// the CPU's bytes. Out: what is wrong.
+std::optional<std::string> TextureOfKeptMesh();
 
 }  // namespace voxelpipe::gpu
