@@ -22,6 +22,8 @@ namespace {
 using namespace footprint;
 
 constexpr double kBaseBytes = 4 << 20;
+// So many runs that make lists have room for a slab each in the working memory.
+constexpr uint64_t kRunsInWorkingMemory = 4;
 
 bool HasOwners(const TargetSpec& target) {
   return target.blend == Blend::kReplace || target.blend == Blend::kFirst;
@@ -215,9 +217,8 @@ int64_t EvenSlabDepth(int64_t layers, int64_t depth, int64_t most) {
   return (even + kSlabGranularity - 1) / kSlabGranularity * kSlabGranularity;
 }
 
-}  // namespace
-
-Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+// In slabs of at most limits.slab_bytes where slabs are bounded.
+Footprint FootprintInSlabs(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
                            const Surface& surface, const PlanLimits& limits, Delivery delivery) {
   const bool dense = request.result == ResultKind::kDense;
   Footprint out;
@@ -248,6 +249,24 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
   out.peak_bytes = peak;
   out.list_bytes = listed;
   return out;
+}
+
+}  // namespace
+
+Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,
+                           const Surface& surface, const PlanLimits& limits, Delivery delivery) {
+  const auto within = [&](uint64_t slab_bytes) {
+    PlanLimits of_slabs = limits;
+    of_slabs.slab_bytes = slab_bytes;
+    return FootprintInSlabs(request, grid, mesh, surface, of_slabs, delivery);
+  };
+  // Every slab goes through the whole mesh, and lists of several are joined on the host: few deep ones, where there is
+  // room for other runs.
+  const uint64_t deep = limits.max_working_bytes / kRunsInWorkingMemory;
+  if (request.result != ResultKind::kDense && deep > limits.slab_bytes) {
+    if (const Footprint few = within(deep); few.peak_bytes <= limits.max_working_bytes) return few;
+  }
+  return within(limits.slab_bytes);
 }
 
 uint64_t PredictSlabBytes(const VoxelizeRequest& request, const GridSpec& grid, const MeshSize& mesh,

@@ -22,9 +22,10 @@ inline constexpr int64_t kSlabGranularity = 8;
 struct PlanLimits {
   uint64_t max_result_bytes = 16ull << 30;   // bytes of all arrays together
   uint64_t max_working_bytes = 20ull << 30;  // predicted peak: result, coverage bits, tiles, shaded vertices
-  uint64_t slab_bytes = 512ull << 20;        // streamed dense results: what one slab's targets and bits may take
-  int64_t slab_depth = 0;                    // layers a slab, rounded up to a multiple of 8; 0 = the plan's choice
-  std::string_view working_limit_is = {};    // in errors, after max_working_bytes: where this figure comes from
+  // What a slab of a streamed dense result may take: targets and bits. Lists too, unless a backend has more for them.
+  uint64_t slab_bytes = 512ull << 20;
+  int64_t slab_depth = 0;                  // layers a slab, rounded up to a multiple of 8; 0 = the plan's choice
+  std::string_view working_limit_is = {};  // in errors, after max_working_bytes: where this figure comes from
 };
 
 // The limits of a job in this process whose mesh is loaded and charged to MemoryOf(job): those above, and of the

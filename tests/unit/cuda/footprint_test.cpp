@@ -95,6 +95,31 @@ TEST(FootprintTest, SlabsHaveNoMoreVoxelsThanSpansHaveNumbersFor) {
   EXPECT_EQ(depth(bits), 2048);  // rows need no numbers
 }
 
+TEST(FootprintTest, ListsAreMadeInOneSlabWhereMemoryAllows) {
+  const MeshSize mesh = Sphere(2'000'000);
+  TargetSpec normal = testing::FloatTarget(3, Blend::kReplace, {"normal", {}});
+  VoxelizeRequest normals;
+  normals.targets = {normal};
+  normals.result = ResultKind::kSparse;
+  VoxelizeRequest buckets;
+  buckets.result = ResultKind::kBuckets;
+  for (const VoxelizeRequest& request : {Floats(Blend::kMax, ResultKind::kSparse), normals, buckets}) {
+    for (const int64_t n : {896, 960, 992, 1024, 1040, 1600}) {
+      const GridSpec grid = Cube(n);
+      const Surface surface = EstimateSurface(request, grid, mesh);
+      PlanLimits limits;
+      const Footprint one = PredictFootprint(request, grid, mesh, surface, limits, Delivery::kMemory);
+      EXPECT_GE(one.slab_depth, n);
+      EXPECT_LE(one.peak_bytes, limits.max_working_bytes);
+      if (one.peak_bytes < 2 * limits.slab_bytes) continue;
+      limits.max_working_bytes = one.peak_bytes - 1;
+      const Footprint several = PredictFootprint(request, grid, mesh, surface, limits, Delivery::kMemory);
+      EXPECT_LT(several.slab_depth, n);
+      EXPECT_LE(several.peak_bytes, limits.max_working_bytes);
+    }
+  }
+}
+
 TEST(FootprintTest, SlabsAreCutToTheRoomThatTheDeviceHas) {
   const VoxelizeRequest request = Floats(Blend::kMax, ResultKind::kDense);
   const GridSpec grid = Cube(1024);  // 4 GiB of floats
