@@ -16,7 +16,7 @@ uint64_t SlabVoxels(const GridSpec& grid, int64_t layers) {
 
 // By all threads of the run: pages of the result are touched for the first time.
 void Copy(uint8_t* to, const uint8_t* from, uint64_t bytes) {
-  constexpr uint64_t kGrain = 4 << 20;
+  constexpr uint64_t kGrain = 1 << 20;
   tbb::parallel_for(tbb::blocked_range<uint64_t>(0, bytes, kGrain), [&](const tbb::blocked_range<uint64_t>& part) {
     std::memcpy(to + part.begin(), from + part.begin(), part.size());
   });
@@ -29,8 +29,7 @@ class Joiner {
 
   void Append(const uint8_t* data, uint64_t count) {
     if (type_ != ElementType::kBit) {
-      const uint64_t bytes = ArrayBytes(type_, count);
-      std::memcpy(out_ + ArrayBytes(type_, at_), data, bytes);
+      Copy(out_ + ArrayBytes(type_, at_), data, ArrayBytes(type_, count));
     } else {
       const unsigned shift = unsigned(at_ % 8);
       uint8_t* to = out_ + at_ / 8;
@@ -49,8 +48,12 @@ class Joiner {
   uint64_t at_ = 0;  // elements
 };
 
-uint64_t ListedItems(const ResultArrays& slab, ResultKind kind) {
+uint64_t ListedItems(const ResultArrays& slab, ResultKind kind, const std::vector<TargetSpec>& specs) {
   if (kind == ResultKind::kBuckets) return slab.triangles.size() / sizeof(uint32_t);
+  for (size_t t = 0; t < specs.size(); ++t) {
+    const uint64_t bytes = ArrayBytes(ElementOf(specs[t].format), uint64_t(specs[t].components));
+    if (specs[t].format != VoxelFormat::kBit) return slab.targets[t].size() / bytes;
+  }
   uint64_t count = 0;
   for (uint64_t i = 0; i < slab.masks.size(); i += sizeof(uint64_t)) {
     uint64_t word;
@@ -68,7 +71,7 @@ absl::Status JoinIndex(std::vector<ResultArrays>& slabs, HostBuffer ResultArrays
   if (!joined.ok()) return joined.status();
   uint64_t at = 0;
   for (ResultArrays& slab : slabs) {
-    if ((slab.*array).size() > 0) std::memcpy(joined->data() + at, (slab.*array).data(), (slab.*array).size());
+    Copy(joined->data() + at, (slab.*array).data(), (slab.*array).size());
     at += (slab.*array).size();
     (slab.*array).Discard();
   }
@@ -184,7 +187,7 @@ absl::Status MemoryAssembler::End() {
   result_.parts = *parts_;
   if (one_slab_ || result_.kind == ResultKind::kDense) return absl::OkStatus();
   std::vector<uint64_t> items;
-  for (const ResultArrays& slab : slabs_) items.push_back(ListedItems(slab, result_.kind));
+  for (const ResultArrays& slab : slabs_) items.push_back(ListedItems(slab, result_.kind, result_.specs));
   absl::Status s;
   if (result_.kind == ResultKind::kSparse) {
     if (s = JoinIndex(slabs_, &ResultArrays::bricks, result_.bricks); !s.ok()) return s;
