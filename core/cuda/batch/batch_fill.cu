@@ -79,7 +79,7 @@ absl::Status ParityBatch(const BatchState& state) {
   args.triangle_count = batch.triangle_count;
   args.queue = batch.queue[0];
   args.queued = batch.queued + kBatchFill;
-  // Small grids: many queued triangles with few lines each.
+  // Small grids: few lines of each triangle.
   VOXELPIPE_OK_OR_RETURN(Toggle(args, state.device, 1, state.stream));
   SuffixXorBatch<<<BlocksFor(batch.row_count, kFillThreads / 32), kFillThreads, 0, state.stream>>>(batch);
   VOXELPIPE_LAUNCHED_OR_RETURN("SuffixXorBatch");

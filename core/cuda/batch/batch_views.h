@@ -80,11 +80,11 @@ struct BatchCounts {
 // Indices of the first queue counter of each stage in BatchView::queued.
 enum BatchQueue : int {
   kBatchRows = 0,       // as in WalkArgs
-  kBatchFill = 4,       // of the parity fill
-  kBatchFragments = 5,  // as in WalkArgs
-  kBatchShells = 9,     // as in WalkArgs
-  kBatchValues = 13,    // as in WalkArgs
-  kBatchQueues = 17
+  kBatchFill = 4,       // as in CrossingArgs, of the parity fill
+  kBatchFragments = 6,  // as in WalkArgs
+  kBatchShells = 10,    // as in WalkArgs
+  kBatchValues = 14,    // as in WalkArgs
+  kBatchQueues = 18
 };
 
 struct BatchView {

@@ -19,6 +19,7 @@ namespace voxelpipe::cuda {
 
 inline constexpr int kFillThreads = 256;
 inline constexpr uint32_t kLinesOfThread = 32;
+inline constexpr uint64_t kLinesOfWarp = 1024;
 
 // Output of the parity fill.
 struct ToggleView {
@@ -47,6 +48,8 @@ struct CrossingArgs {
   const uint32_t* triangles;
   const Vec3d* positions;  // index space
   uint64_t triangle_count;
+  // Triangles with more than kLinesOfThread lines from the front on, those with more than kLinesOfWarp from the end on;
+  // how many of the one and of the other.
   uint32_t* queue;
   uint64_t* queued;
 };
@@ -133,43 +136,58 @@ __device__ inline void ToggleLine(const ToggleView& args, const Corners& t, int6
   if (before > 0) atomicXor(args.inside + args.grid.Word(before - 1, y, z), 1u << ((before - 1) % 32));
 }
 
-// One thread per triangle; triangles with many lines are queued.
+// One thread per triangle; triangles with more lines are queued.
 template <typename Args>
 __global__ void __launch_bounds__(kFillThreads) ToggleSmall(const __grid_constant__ Args args) {
-  __shared__ unsigned long long room[kFillThreads / 32 + 1];
+  __shared__ unsigned long long room[2][kFillThreads / 32 + 1];
   const uint64_t t = uint64_t(blockIdx.x) * kFillThreads + threadIdx.x;
-  bool queue = false;
+  bool some = false, many = false;
   typename Args::View view;
   if (t < args.triangle_count && ViewOf(args, t, view)) {
     const Corners corners = Load(args, t);
     const Lines lines = LinesOf(view, corners);
     const uint64_t count = lines.count();
-    queue = count > kLinesOfThread;
-    if (count > 0 && !queue) {
+    many = count > kLinesOfWarp;
+    some = count > kLinesOfThread && !many;
+    if (count > 0 && count <= kLinesOfThread) {
       for (int64_t z = lines.z_begin; z < lines.z_end; ++z) {
         for (int64_t y = lines.y_begin; y < lines.y_end; ++y) ToggleLine(view, corners, y, z);
       }
     }
   }
-  if (__syncthreads_or(queue) == 0) return;
-  const uint64_t at = BlockAllocate<kFillThreads>(args.queued, queue, room);
-  if (queue) args.queue[at] = uint32_t(t);
+  if (__syncthreads_or(some || many) == 0) return;
+  const uint64_t at_some = BlockAllocate<kFillThreads>(args.queued, some, room[0]);
+  if (some) args.queue[at_some] = uint32_t(t);
+  const uint64_t at_many = BlockAllocate<kFillThreads>(args.queued + 1, many, room[1]);
+  if (many) args.queue[args.triangle_count - 1 - at_many] = uint32_t(t);
 }
 
-// gridDim.x divides the lines of a queued triangle, gridDim.y the triangles.
+// Lines begin, begin + step, ... of a triangle.
+template <typename Args>
+__device__ inline void ToggleLines(const Args& args, uint64_t t, uint64_t begin, uint64_t step) {
+  typename Args::View view;
+  ViewOf(args, t, view);
+  const Corners corners = Load(args, t);
+  const Lines lines = LinesOf(view, corners);
+  const uint64_t count = lines.count(), ny = uint64_t(lines.y_end - lines.y_begin);
+  for (uint64_t line = begin; line < count; line += step) {
+    ToggleLine(view, corners, lines.y_begin + int64_t(line % ny), lines.z_begin + int64_t(line / ny));
+  }
+}
+
+// A warp takes a triangle with some lines; gridDim.x blocks share one with many, gridDim.y divides these.
 template <typename Args>
 __global__ void __launch_bounds__(kFillThreads) ToggleLarge(const __grid_constant__ Args args) {
-  const uint64_t queued = *args.queued;
-  for (uint64_t i = blockIdx.y; i < queued; i += gridDim.y) {
-    typename Args::View view;
-    ViewOf(args, args.queue[i], view);
-    const Corners corners = Load(args, args.queue[i]);
-    const Lines lines = LinesOf(view, corners);
-    const uint64_t count = lines.count(), ny = uint64_t(lines.y_end - lines.y_begin);
-    for (uint64_t line = uint64_t(blockIdx.x) * kFillThreads + threadIdx.x; line < count;
-         line += uint64_t(gridDim.x) * kFillThreads) {
-      ToggleLine(view, corners, lines.y_begin + int64_t(line % ny), lines.z_begin + int64_t(line / ny));
-    }
+  constexpr uint64_t kWarps = kFillThreads / 32;
+  const uint64_t some = args.queued[0], many = args.queued[1];
+  const uint64_t block = uint64_t(blockIdx.y) * gridDim.x + blockIdx.x,
+                 warps = uint64_t(gridDim.x) * gridDim.y * kWarps;
+  for (uint64_t i = block * kWarps + threadIdx.x / 32; i < some; i += warps) {
+    ToggleLines(args, args.queue[i], threadIdx.x % 32, 32);
+  }
+  for (uint64_t i = blockIdx.y; i < many; i += gridDim.y) {
+    ToggleLines(args, args.queue[args.triangle_count - 1 - i], uint64_t(blockIdx.x) * kFillThreads + threadIdx.x,
+                uint64_t(gridDim.x) * kFillThreads);
   }
 }
 
@@ -227,7 +245,7 @@ __device__ inline void FillWords(const FillArgs& args, uint64_t begin, uint64_t 
   }
 }
 
-// `share`: blocks per queued triangle.
+// `share`: blocks per triangle with many lines. The two counters of the queue are 0 before.
 template <typename Args>
 absl::Status Toggle(const Args& args, const DeviceInfo& device, unsigned share, cudaStream_t stream) {
   ToggleSmall<<<unsigned((args.triangle_count + kFillThreads - 1) / kFillThreads), kFillThreads, 0, stream>>>(args);

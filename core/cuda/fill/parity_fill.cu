@@ -112,7 +112,7 @@ absl::Status ParityInside(RunState& state) {
   VOXELPIPE_OK_OR_RETURN(columns.Resize(uint64_t(args.view.column_words) * uint64_t(state.slab.depth()), state.stream));
   VOXELPIPE_OK_OR_RETURN(columns.Fill(0, state.stream));
   VOXELPIPE_OK_OR_RETURN(state.queue[0].Resize(triangles, state.stream));
-  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0}));
+  VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1}));
   args.view.grid = state.view;
   args.triangles = state.mesh.triangle_list();
   args.positions = state.mesh.index_positions.data();
@@ -150,7 +150,7 @@ absl::Status NonzeroInside(RunState& state) {
   args.triangle_count = triangles;
   args.queue = state.queue[0].data();
   for (uint64_t row = 0; row < rows; row += at_once) {
-    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0}));
+    VOXELPIPE_OK_OR_RETURN(ClearCounters(state, {kQueued0, kQueued1}));
     VOXELPIPE_OK_OR_RETURN(sums.Fill(0, state.stream));
     VOXELPIPE_OK_OR_RETURN(outside.Fill(0, state.stream));
     args.queued = state.counters.data() + kQueued0;

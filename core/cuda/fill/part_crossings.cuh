@@ -64,8 +64,6 @@ __device__ inline uint32_t RankOf(const PartCrossingArgs& args, uint64_t t) {
   return args.parts.Of(t).rank - 1;
 }
 
-inline constexpr uint64_t kLinesOfWarp = 1024;
-
 // One thread per triangle; those with more lines are queued. A block takes room for all its crossings at once.
 __global__ void __launch_bounds__(kFillThreads) ListSmall(const __grid_constant__ PartCrossingArgs args) {
   static_assert(kLinesOfThread == 32);  // one bit each
