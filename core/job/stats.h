@@ -26,7 +26,7 @@ struct VoxelizeStats {
   std::string simd = "scalar";
   std::vector<std::string> path;  // the path of each target: "occupancy", "tiles", ... (core/README.md)
   // Stage name -> wall milliseconds, in order of execution, those that ran:
-  // vertex_shade coarse_raster tile_sort fine_raster emit sort resolve fill.
+  // vertex_shade plan coarse_raster tile_sort fine_raster emit sort resolve fill.
   std::vector<std::pair<std::string, double>> stages;
   double voxelize_ms = 0;      // mesh in memory to result in memory, clearing included
   double voxelize_cpu_ms = 0;  // CPU time of the process over the same span

@@ -76,7 +76,7 @@ absl::Status RunPipeline(const RunInput& run, Assembler& assembler, VoxelizeStat
   stats.triangles_outside = extent->triangles_outside;
   const MeshSize size{run.mesh.triangles.size(), run.mesh.positions.size(), *std::move(extent)};
   const RunPlanner planner(backend, stages, request, size, run.limits, run.delivery);
-  absl::StatusOr<PlannedRun> planned = clock("vertex_shade", [&] { return planner.Make(); });
+  absl::StatusOr<PlannedRun> planned = clock("plan", [&] { return planner.Make(); });
   if (!planned.ok()) return planned.status();
   Plan& plan = planned->plan;
   AddParts(bound->part_table, plan);

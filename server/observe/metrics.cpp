@@ -34,9 +34,9 @@ constexpr std::array<const char*, 17> kCodeNames = {
     "NOT_FOUND", "ALREADY_EXISTS", "PERMISSION_DENIED", "RESOURCE_EXHAUSTED", "FAILED_PRECONDITION",
     "ABORTED",   "OUT_OF_RANGE",   "UNIMPLEMENTED",     "INTERNAL",           "UNAVAILABLE",
     "DATA_LOSS", "UNAUTHENTICATED"};
-constexpr std::array<const char*, 12> kStageNames = {"load",      "flatten",     "vertex_shade", "coarse_raster",
-                                                     "tile_sort", "fine_raster", "emit",         "sort",
-                                                     "resolve",   "fill",        "encode",       "other"};
+constexpr std::array<const char*, 13> kStageNames = {
+    "load", "flatten", "vertex_shade", "plan", "coarse_raster", "tile_sort", "fine_raster",
+    "emit", "sort",    "resolve",      "fill", "encode",        "other"};
 
 const Histogram::BucketBoundaries kSecondsBuckets = {.0005, .001, .0025, .005, .01, .025, .05, .1, .25,
                                                      .5,    1,    2.5,   5,    10,  30,   60,  120};

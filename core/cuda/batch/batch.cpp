@@ -78,8 +78,9 @@ void RunPass(const DeviceInfo& device, std::span<const std::unique_ptr<BatchMemb
     const BatchItem& item = *member.item;
     if (!status.ok()) return item.done(status);
     if (!pass->Finished(i)) return;
-    member.stats.voxelize_ms = wall_ms + member.stats.stages[0].second;
-    member.stats.voxelize_cpu_ms = cpu_ms + member.stats.stages[0].second;
+    const double prepared_ms = member.stats.stages[0].second + member.stats.stages[1].second;  // vertex_shade, plan
+    member.stats.voxelize_ms = wall_ms + prepared_ms;
+    member.stats.voxelize_cpu_ms = cpu_ms + prepared_ms;
     member.stats.stages.emplace_back(member.stage(), wall_ms);
     absl::StatusOr<VoxelizeResult> result = pass->Cut(i);
     item.job->Report(member.stage(), 1);

@@ -143,8 +143,10 @@ std::unique_ptr<BatchMember> PrepareMember(const Backend& backend, const BatchIt
   const auto measure = [&](const GridSpec& grid, bool) -> absl::StatusOr<Surface> {
     return EstimateSurface(member->request(), grid, size);
   };
+  const double planning = WallMs();
   absl::StatusOr<PlannedRun> planned = PlanOn({backend, member->request(), size, measure, limits, Delivery::kMemory});
   if (!planned.ok()) return nullptr;
+  member->stats.stages.emplace_back("plan", WallMs() - planning);
   member->plan = std::move(planned->plan);
   const GridSpec& grid = member->plan.grid;
   if (member->plan.slab_depth < grid.dims[2]) return nullptr;

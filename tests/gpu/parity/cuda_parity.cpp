@@ -127,7 +127,7 @@ class Parity {
         slabs = 0;
         const JobContext job([&](std::string_view stage, double fraction) {
           slabs += fraction > 0;
-          if (told || begun || stage == "vertex_shade") return;
+          if (told || begun || stage == "vertex_shade" || stage == "plan") return;
           begun = true;
           cuda::LimitMemory(cuda::MemoryTaken() + room);
         });

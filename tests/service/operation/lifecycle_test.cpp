@@ -375,7 +375,7 @@ TEST_F(LifecycleTest, SummaryTellsStagesPeakAndMesh) {
     EXPECT_GE(ms, 0);
     stages.push_back(stage);
   }
-  EXPECT_EQ(stages, (std::vector<std::string>{"vertex_shade", "fine_raster", "fill"}));
+  EXPECT_EQ(stages, (std::vector<std::string>{"vertex_shade", "plan", "fine_raster", "fill"}));
   ASSERT_EQ(result->mesh_stages.size(), 2u);
   EXPECT_EQ(result->mesh_stages[0].first, "load");
   EXPECT_EQ(result->mesh_stages[1].first, "flatten");

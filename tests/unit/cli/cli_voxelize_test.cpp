@@ -55,7 +55,7 @@ TEST_F(CliVoxelize, PrintsTheSummary) {
   EXPECT_EQ(summary["bytes"], 16);
   EXPECT_GT(summary["peak_bytes"], 1 << 20);
   EXPECT_EQ(summary["hash"].get<std::string>().size(), 64u);
-  for (const char* stage : {"load", "flatten", "vertex_shade", "fine_raster"})
+  for (const char* stage : {"load", "flatten", "vertex_shade", "plan", "fine_raster"})
     EXPECT_TRUE(summary["stages"].contains(stage)) << stage;
   EXPECT_FALSE(summary["stages"].contains("encode"));
   EXPECT_GT(summary["voxelize_ms"], 0);

@@ -174,10 +174,10 @@ TEST(VoxelizeTest, StagesAreNamedInOrder) {
     return names;
   };
   // Row spans of plain bits need no tiles.
-  EXPECT_EQ(names_of(), (std::vector<std::string>{"vertex_shade", "fine_raster", "fill"}));
+  EXPECT_EQ(names_of(), (std::vector<std::string>{"vertex_shade", "plan", "fine_raster", "fill"}));
   request.targets.push_back(FloatTarget(1, Blend::kMax, {"occupancy", {}}));
   EXPECT_EQ(names_of(),
-            (std::vector<std::string>{"vertex_shade", "coarse_raster", "tile_sort", "fine_raster", "fill"}));
+            (std::vector<std::string>{"vertex_shade", "plan", "coarse_raster", "tile_sort", "fine_raster", "fill"}));
 }
 
 TEST(VoxelizeTest, OpenMeshesLeaveOddColumns) {
