@@ -1,6 +1,7 @@
 // Vertex shading, and the views through which shaders read the mesh.
 #include "host_mesh/vertex_shade.h"
 
+#include <hwy/highway.h>
 #include <tbb/parallel_reduce.h>
 
 #include <algorithm>
@@ -75,21 +76,45 @@ struct Bounds {
   bool finite = true;
 };
 
-// Of positions [begin, end), at least one. If one is not finite, the box is undefined.
+// Of positions [begin, end), at least one. If one is not finite, the box is undefined; so it may be beyond 10^300.
 Bounds BoundsOf(const Vec3d* positions, uint64_t begin, uint64_t end) {
-  Vec3d min = positions[begin], max = min, odd{};  // odd: 0 while all are finite; x - x is NaN for NaN and infinity
-  for (uint64_t i = begin; i < end; ++i) {
-    for (int a = 0; a < 3; ++a) {
-      const double p = positions[i][a];
-      min[a] = Min(min[a], p);
-      max[a] = Max(max[a], p);
-      odd[a] += p - p;
-    }
+  namespace hn = hwy::HWY_NAMESPACE;
+  static_assert(sizeof(Vec3d) == 3 * sizeof(double));
+  // Two vertices are three vectors: x y, z x, y z. Compilers make none of minima in doubles.
+  constexpr size_t kLanes = 2, kPair = 3 * kLanes;
+  const hn::FixedTag<double, kLanes> d;
+  const double* p = &positions[begin].x;
+  double pair[kPair];  // twice the same vertex
+  const auto twice = [&](const Vec3d& v) {
+    for (size_t i = 0; i < kPair; ++i) pair[i] = v[int(i % 3)];
+    return pair;
+  };
+  twice(positions[begin]);
+  auto min0 = hn::LoadU(d, pair), min1 = hn::LoadU(d, pair + 2), min2 = hn::LoadU(d, pair + 4);
+  auto max0 = min0, max1 = min1, max2 = min2;
+  auto sum0 = hn::Zero(d), sum1 = sum0, sum2 = sum0;  // finite while all are
+  const auto add = [&](const double* at) {
+    const auto v0 = hn::LoadU(d, at), v1 = hn::LoadU(d, at + 2), v2 = hn::LoadU(d, at + 4);
+    min0 = hn::Min(min0, v0), min1 = hn::Min(min1, v1), min2 = hn::Min(min2, v2);
+    max0 = hn::Max(max0, v0), max1 = hn::Max(max1, v1), max2 = hn::Max(max2, v2);
+    sum0 = hn::Add(sum0, v0), sum1 = hn::Add(sum1, v1), sum2 = hn::Add(sum2, v2);
+  };
+  uint64_t left = end - begin;
+  for (; left >= 4; left -= 4, p += 2 * kPair) add(p), add(p + kPair);
+  for (; left > 0; --left) add(twice(positions[end - left]));
+  double least[kPair], most[kPair], sums[kLanes];
+  hn::StoreU(min0, d, least), hn::StoreU(min1, d, least + 2), hn::StoreU(min2, d, least + 4);
+  hn::StoreU(max0, d, most), hn::StoreU(max1, d, most + 2), hn::StoreU(max2, d, most + 4);
+  hn::StoreU(hn::Add(sum0, hn::Add(sum1, sum2)), d, sums);
+  Bounds out{{{}, {}, false}, std::isfinite(sums[0]) && std::isfinite(sums[1])};
+  for (int a = 0; a < 3; ++a) {
+    out.box.min[a] = Min(least[a], least[a + 3]);
+    out.box.max[a] = Max(most[a], most[a + 3]);
   }
-  return {{min, max, false}, odd.x + odd.y + odd.z == 0};
+  return out;
 }
 
-// The box of the used vertices, given the list of unused ones; false if a used one is not finite, or the job ended.
+// The box of the used vertices, given the list of unused ones; false if a used one may not be finite, or the job ended.
 bool BoundsByVertices(const HostMesh& state, Box3d& box) {
   const std::vector<uint32_t>& unused = *state.mesh.unused_vertices;
   const Bounds all = tbb::parallel_reduce(
