@@ -41,10 +41,11 @@ class CpuStages final : public Stages {
   }
 
   absl::StatusOr<MeshExtent> VertexShade() override { return ShadeHostMesh(state_); }
-  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool /*closely*/) const override {
+  absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
     const VoxelizeRequest& request = state_.request.request;
     if (state_.view.triangle_count == 0) return EstimateSurface(request, grid, mesh);
-    return MeasureSurface(state_.view, request, grid, state_.job);
+    return closely ? MeasureSurface(state_.view, request, grid, state_.job)
+                   : SampleSurface(state_.view, request, grid, state_.job);
   }
   void Begin(const GridSpec& grid, const Surface& /*expected*/, ListMemory* lists) override {
     grid_ = grid;

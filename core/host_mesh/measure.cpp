@@ -17,6 +17,8 @@
 
 #include "base/parallel.h"
 #include "host_mesh/measure_cells.h"
+#include "host_mesh/measure_fill.h"
+#include "host_mesh/measure_sample.h"
 #include "host_mesh/measure_touch.h"
 #include "raster/spans.h"
 #include "raster/tiles.h"
@@ -33,20 +35,11 @@ constexpr int64_t kTrianglesOfSample = 2048;  // a brick with so many is almost 
 // Maximum number of marked cells, apart from a few for each triangle: a hundred thousand triangles that each cross a
 // whole large grid would take seconds.
 constexpr uint64_t kMaxMarks = 1 << 24, kMinMarks = 16;
-constexpr int64_t kMaxShares = 256;
-constexpr int64_t kLinesAnAxis = 24;
-constexpr uint64_t kMaxCrossings = 1024;  // of a line, that are stored
-constexpr double kOpenLines = 0.2;        // closed surfaces have none, up to rounding
 // The only lists of dense results are the pairs of tiles and triangles: in larger meshes a sample of the triangles
 // estimates them well enough.
 constexpr uint64_t kLookedAt = 1 << 16, kStepOfDense = 8;
 constexpr double kListedBytesThatMatter = 4 << 20;
-
-// A number from an irregular sequence: meshes made from grids correlate with regular ones.
-uint64_t Scatter(uint64_t i) {
-  i *= 0x9E3779B97F4A7C15ull;
-  return (i ^ i >> 29) * 0xBF58476D1CE4E5B9ull >> 20;
-}
+constexpr uint64_t kMinSampledMesh = 1 << 12;  // lists of smaller meshes are measured closely: that costs little
 
 // Sums over triangles; always joined in the same order.
 struct Sums {
@@ -91,8 +84,7 @@ class Measurer {
  public:
   Measurer(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid, const JobContext& job)
       : mesh_(mesh), request_(request), grid_(grid), job_(job), space_(grid.index_space()) {
-    share_layers_ = 8;
-    while ((grid.dims[2] + share_layers_ - 1) / share_layers_ > kMaxShares) share_layers_ *= 2;
+    share_layers_ = LayersOfShare(grid);
     lists_ = request.result != ResultKind::kDense;
     marks_ = lists_ && request.coverage != Coverage::kNone;
     step_ = lists_ || mesh.triangle_count < kLookedAt ? 1 : kStepOfDense;
@@ -118,11 +110,11 @@ class Measurer {
     }
     double shell = std::min(double(grid_.voxels()), sums.small + sums.large);
     if (marked && cells_->edge() <= kMaxSampleDim && sums.box_cells < double(kMaxMarks) &&
-        MostListedBytes(SeparateShell() ? shell : out.voxels) > kListedBytesThatMatter) {
+        MostListedBytes(HasSeparateShell(request_) ? shell : out.voxels) > kListedBytesThatMatter) {
       CountVoxels(out, shell);
     }
-    if (!SeparateShell()) shell = out.voxels;
-    if (lists_ && request_.fill != Fill::kNone) CountFilled(shell, out);
+    if (!HasSeparateShell(request_)) shell = out.voxels;
+    if (lists_ && request_.fill != Fill::kNone) CountFilled(mesh_, request_, grid_, job_, shell, *cells_, out);
     if (absl::Status s = job_.Check(); !s.ok()) return s;
     out.share_layers = share_layers_;
     out.closely = true;
@@ -130,23 +122,11 @@ class Measurer {
   }
 
  private:
-  Triangle At(uint64_t t) const {
-    const uint32_t* const v = mesh_.triangles[t];
-    const auto place = [&](uint32_t i) { return WorldToIndex(space_, mesh_.positions[i]); };
-    return {place(v[0]), place(v[1]), place(v[2])};
-  }
-  static std::pair<Vec3d, Vec3d> Bounds(const Triangle& t) {
-    Vec3d lo, hi;
-    for (int i = 0; i < 3; ++i) {
-      lo[i] = Min(t.a[i], Min(t.b[i], t.c[i]));
-      hi[i] = Max(t.a[i], Max(t.b[i], t.c[i]));
-    }
-    return {lo, hi};
-  }
+  Triangle At(uint64_t t) const { return TriangleAt(mesh_, space_, t); }
 
   // `marks`: cells that were marked in this chunk of triangles, of `most_marks`.
   void Add(const Triangle& t, uint64_t most_marks, uint64_t& marks, Sums& sums) {
-    const auto [lo, hi] = Bounds(t);
+    const auto [lo, hi] = BoundsOf(t);
     Touch touch;
     if (!TouchOf(t, lo, hi, grid_, touch)) return;
     const Vec3d& area = touch.part.area;
@@ -212,7 +192,7 @@ class Measurer {
       const uint64_t scattered = first + Scatter(i) % step;
       if (scattered >= count) break;
       const Triangle t = At(scattered);
-      const auto [lo, hi] = Bounds(t);
+      const auto [lo, hi] = BoundsOf(t);
       Touch touch;
       if (!TouchOf(t, lo, hi, grid_, touch) || touch.voxels > kSmallVoxels) continue;
       expected += touch.fragments;
@@ -248,8 +228,7 @@ class Measurer {
 
   void CountCells(Surface& out) const {
     const double layers_of_cell = double(cells_->edge());
-    // A larger cell holds bricks in proportion to the square of its edge, because a surface crosses it.
-    const double bricks_of_cell = std::pow(double(cells_->edge()) / 8, 2) * (cells_->edge() > 8 ? 1.3 : 1);
+    const double bricks_of_cell = BricksOfCell(*cells_);
     double bricks = 0, tiles = 0;
     const int64_t a_layer = cells_->dim(0) * cells_->dim(1), a_tile = std::max<int64_t>(1, TileDim(0) / cells_->edge());
     for (int64_t z = 0; z < cells_->dim(2); ++z) {
@@ -280,9 +259,6 @@ class Measurer {
     out.filled_bricks = out.bricks;
   }
 
-  // True if the shell of a flood fill differs from the coverage.
-  bool SeparateShell() const { return request_.fill == Fill::kFlood && request_.coverage != Coverage::kConservative; }
-
   double MostListedBytes(double voxels) const {
     double value = 16;
     for (const TargetSpec& target : request_.targets) {
@@ -307,7 +283,7 @@ class Measurer {
         const int64_t cell = w * 64 + std::countr_zero(left);
         samples[i].box = cells_->VoxelsOfCell(cell);
         samples[i].covered.resize(size_t(Count(samples[i].box)) / 64 + 1);
-        if (SeparateShell()) samples[i].shell.resize(samples[i].covered.size());
+        if (HasSeparateShell(request_)) samples[i].shell.resize(samples[i].covered.size());
         number.emplace_back(cell, i);
       }
     }
@@ -316,7 +292,7 @@ class Measurer {
     ParallelChunks(int64_t(mesh_.triangle_count), kGrain, job_, [&](int64_t begin, int64_t end) {
       for (int64_t i = begin; i < end; ++i) {
         const Triangle t = At(uint64_t(i));
-        const auto [lo, hi] = Bounds(t);
+        const auto [lo, hi] = BoundsOf(t);
         Box box;
         if (!VoxelsOf(lo, hi, grid_, box)) continue;
         const Box within = cells_->CellsOf(box);
@@ -364,97 +340,6 @@ class Measurer {
     if (!sample.shell.empty()) set(Coverage::kConservative, sample.shell);
   }
 
-  // The voxels of a fill, from some lines along x.
-  void CountFilled(double shell, Surface& out) const {
-    const double all = double(grid_.voxels());
-    double open = 0;
-    const double filled = FilledShare(open) * all;
-    // Half of the voxels of a surface have their centre inside.
-    out.inside = std::max(0.0, filled - 0.5 * out.voxels);
-    if (request_.fill == Fill::kFlood) {
-      // What the flood does not reach: the conservative shell, for every coverage, and what it encloses. A surface with
-      // holes encloses nothing, unless few lines are open.
-      const double closed = open > kOpenLines ? 0 : std::max(0.0, filled - 0.5 * shell);
-      out.inside = shell > 0.4 * all ? all : shell - out.voxels + closed;
-    }
-    out.inside = std::min(out.inside, all - out.voxels);
-    const double bricks = std::max(all / 512, double(cells_->count()));
-    out.filled_bricks = std::min(bricks, out.bricks + 1.5 * out.inside / 512);
-  }
-
-  // The share of the grid that is inside; `open`: the share of lines with an odd number of crossings among those with
-  // any.
-  double FilledShare(double& open) const {
-    const int64_t ny = std::min(kLinesAnAxis, grid_.dims[1]), nz = std::min(kLinesAnAxis, grid_.dims[2]);
-    std::vector<std::vector<std::pair<double, int>>> lines(size_t(ny * nz));  // position and sign of each crossing
-    std::vector<std::atomic<uint64_t>> crossings(lines.size());
-    std::vector<std::mutex> locks(lines.size());
-    // Between voxel centres, but as many on average.
-    const auto place = [](int64_t i, int64_t count, int64_t dim) {
-      return (double(i) + 0.5) * double(dim) / double(count) + 1e-4;
-    };
-    const auto from = [](double p, int64_t count, int64_t dim) {  // the first line at or after p
-      return std::clamp(std::ceil((p - 1e-4) * double(count) / double(dim) - 0.5), 0.0, double(count));
-    };
-    ParallelChunks(int64_t(mesh_.triangle_count), kGrain, job_, [&](int64_t begin, int64_t end) {
-      for (int64_t i = begin; i < end; ++i) {
-        const Triangle t = At(uint64_t(i));
-        const auto [lo, hi] = Bounds(t);
-        if (!IsWithinReach(lo, hi)) continue;
-        const auto y_end = int64_t(from(hi.y, ny, grid_.dims[1])), z_end = int64_t(from(hi.z, nz, grid_.dims[2]));
-        for (auto z = int64_t(from(lo.z, nz, grid_.dims[2])); z < z_end; ++z) {
-          for (auto y = int64_t(from(lo.y, ny, grid_.dims[1])); y < y_end; ++y) {
-            const auto at = size_t(y + ny * z);
-            if (crossings[at].load(std::memory_order_relaxed) > kMaxCrossings) continue;
-            std::pair<double, int> x;
-            if (!CrossLine(t, place(y, ny, grid_.dims[1]), place(z, nz, grid_.dims[2]), x)) continue;
-            const std::lock_guard lock(locks[at]);
-            if (++crossings[at] <= kMaxCrossings) lines[at].push_back(x);
-          }
-        }
-      }
-    }).IgnoreError();
-    constexpr double kOneSurface = 1e-6;  // voxels between crossings of the same surface, repeated
-    const bool flood = request_.fill == Fill::kFlood;
-    const double nx = double(grid_.dims[0]);
-    double length = 0, odd = 0, crossed = 0;
-    for (size_t at = 0; at < lines.size(); ++at) {
-      auto& line = lines[at];
-      if (crossings[at] > kMaxCrossings) {  // counts as inside along its whole length
-        length += nx;
-        ++crossed;
-        continue;
-      }
-      std::sort(line.begin(), line.end());
-      crossed += line.empty() ? 0 : 1;
-      int winding = 0;
-      size_t surfaces = 0;  // crossed so far
-      for (size_t i = 0; i < line.size(); ++i) {
-        winding += line[i].second;
-        const double end = i + 1 < line.size() ? line[i + 1].first : nx;
-        // A flood ignores how many surfaces coincide, and fills overlaps.
-        if (flood && i + 1 < line.size() && end - line[i].first < kOneSurface) continue;
-        ++surfaces;
-        bool inside = surfaces % 2 == 1;
-        if (request_.fill == Fill::kNonzero) inside = winding != 0;
-        if (flood || FillsParts(request_)) inside = inside || winding != 0;
-        if (inside) length += std::clamp(end, 0.0, nx) - std::clamp(line[i].first, 0.0, nx);
-      }
-      odd += double(surfaces % 2);
-    }
-    open = crossed > 0 ? odd / crossed : 0;
-    return length / (nx * double(lines.size()));
-  }
-
-  // The point where the line (y, z) along x crosses the triangle.
-  static bool CrossLine(const Triangle& t, double y, double z, std::pair<double, int>& out) {
-    const auto side = [&](const Vec3d& p, const Vec3d& q) { return (q.y - p.y) * (z - p.z) - (q.z - p.z) * (y - p.y); };
-    const double ab = side(t.a, t.b), bc = side(t.b, t.c), ca = side(t.c, t.a), sum = ab + bc + ca;
-    if (!((ab >= 0 && bc >= 0 && ca >= 0) || (ab <= 0 && bc <= 0 && ca <= 0)) || sum == 0) return false;
-    out = {(bc * t.a.x + ca * t.b.x + ab * t.c.x) / sum, sum > 0 ? 1 : -1};
-    return true;
-  }
-
   const MeshView& mesh_;
   const VoxelizeRequest& request_;
   const GridSpec& grid_;
@@ -472,6 +357,17 @@ class Measurer {
 absl::StatusOr<Surface> MeasureSurface(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
                                        const JobContext& job) {
   return Measurer(mesh, request, grid, job).Run();
+}
+
+absl::StatusOr<Surface> SampleSurface(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
+                                      const JobContext& job) {
+  if (request.result == ResultKind::kDense) return SampleDense(mesh, request, grid, job);
+  if (mesh.triangle_count >= kMinSampledMesh) {
+    absl::StatusOr<std::optional<Surface>> sampled = SampleLists(mesh, request, grid, job);
+    if (!sampled.ok()) return sampled.status();
+    if (*sampled) return **std::move(sampled);
+  }
+  return MeasureSurface(mesh, request, grid, job);
 }
 
 }  // namespace voxelpipe

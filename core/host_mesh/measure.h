@@ -18,4 +18,9 @@ namespace voxelpipe {
 absl::StatusOr<Surface> MeasureSurface(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
                                        const JobContext& job);
 
+// What a plan needs to know of it: of larger meshes from a sample (measure_sample.h), which costs next to nothing
+// beside the run. Surface::doubt says how far off lists may be. Of a dense result only what it takes memory for.
+absl::StatusOr<Surface> SampleSurface(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
+                                      const JobContext& job);
+
 }  // namespace voxelpipe

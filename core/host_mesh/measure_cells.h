@@ -11,6 +11,8 @@
 
 #include "base/vec.h"
 #include "grid/grid_spec.h"
+#include "grid/index_space.h"
+#include "mesh/views/mesh_view.h"
 #include "raster/spans.h"
 #include "raster/triangle_setup.h"
 
@@ -25,6 +27,27 @@ using Box = std::array<std::pair<int64_t, int64_t>, 3>;  // first and last, incl
 struct Triangle {
   Vec3d a, b, c;  // index space
 };
+
+inline Triangle TriangleAt(const MeshView& mesh, const IndexSpace& space, uint64_t t) {
+  const uint32_t* const v = mesh.triangles[t];
+  const auto place = [&](uint32_t i) { return WorldToIndex(space, mesh.positions[i]); };
+  return {place(v[0]), place(v[1]), place(v[2])};
+}
+
+inline std::pair<Vec3d, Vec3d> BoundsOf(const Triangle& t) {
+  Vec3d lo, hi;
+  for (int i = 0; i < 3; ++i) {
+    lo[i] = Min(t.a[i], Min(t.b[i], t.c[i]));
+    hi[i] = Max(t.a[i], Max(t.b[i], t.c[i]));
+  }
+  return {lo, hi};
+}
+
+// A number from an irregular sequence: meshes made from grids correlate with regular ones.
+inline uint64_t Scatter(uint64_t i) {
+  i *= 0x9E3779B97F4A7C15ull;
+  return (i ^ i >> 29) * 0xBF58476D1CE4E5B9ull >> 20;
+}
 
 inline bool IsWithinReach(const Vec3d& lo, const Vec3d& hi) {
   bool within = true;
@@ -59,6 +82,14 @@ inline VoxelRange RangeOf(const Box& box) {
     range.end[i] = box[i].second + 1;
   }
   return range;
+}
+
+// The layers of Surface::share_layers: shares are few.
+inline int64_t LayersOfShare(const GridSpec& grid) {
+  constexpr int64_t kMaxShares = 256;
+  int64_t layers = 8;
+  while ((grid.dims[2] + layers - 1) / layers > kMaxShares) layers *= 2;
+  return layers;
 }
 
 // Bits of the cells of the grid: bricks, or larger ones in grids of very many bricks.
@@ -125,5 +156,10 @@ class Cells {
   int64_t dims_[3] = {1, 1, 1};
   std::unique_ptr<std::atomic<uint64_t>[]> bits_;
 };
+
+// A larger cell holds bricks in proportion to the square of its edge, because a surface crosses it.
+inline double BricksOfCell(const Cells& cells) {
+  return std::pow(double(cells.edge()) / 8, 2) * (cells.edge() > 8 ? 1.3 : 1);
+}
 
 }  // namespace voxelpipe

@@ -212,10 +212,13 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input) {
   absl::StatusOr<Surface> surface = measure(*grid, /*closely=*/false);
   if (!surface.ok()) return surface.status();
   Footprint need = backend.Predict(request, *grid, mesh, *surface, limits, delivery);
-  const auto fits = [&need, &bounds = limits] {
-    return need.result_bytes <= bounds.max_result_bytes && need.peak_bytes <= bounds.max_working_bytes;
+  const auto fits = [&](double doubt) {
+    const double listed = request.result == ResultKind::kDense ? 1 : doubt;
+    const double peak = double(need.peak_bytes) + (doubt - 1) * double(need.list_bytes);
+    return listed * double(need.result_bytes) <= double(limits.max_result_bytes) &&
+           peak <= double(limits.max_working_bytes);
   };
-  if (!fits() && !surface->closely) {
+  if (!surface->closely && !fits(surface->doubt)) {
     surface = measure(*grid, /*closely=*/true);
     if (!surface.ok()) return surface.status();
     need = backend.Predict(request, *grid, mesh, *surface, limits, delivery);
@@ -230,7 +233,7 @@ absl::StatusOr<PlannedRun> PlanOn(const PlanInput& input) {
   plan.list_bytes = need.list_bytes;
   plan.slab_depth = need.slab_depth;
   plan.time_class = GuessTime(plan, mesh.triangles);
-  if (fits()) return run;
+  if (fits(1)) return run;
   const bool result = plan.result_bytes > limits.max_result_bytes;
   return GridTooLarge(input, *grid, &run.surface, result, result ? plan.result_bytes : plan.peak_bytes, 1);
 }

@@ -51,6 +51,8 @@ struct Surface {
   int64_t share_layers = 8;
   std::vector<Share> shares;
   bool closely = false;  // the triangles were clipped to the grid: Stages::Measure has nothing better to say
+  // Of a sample: lists may come to be so many times as long. A plan that fits only if they do not is made closely.
+  double doubt = 1;
 };
 
 // From the sums of mesh.extent or, where there are none, from its box: what is said without a look at the triangles. No

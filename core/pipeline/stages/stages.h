@@ -104,8 +104,8 @@ class Stages {
 
   // What the shaded mesh touches of a grid: as often as is asked after VertexShade. `mesh` has the extent that
   // VertexShade gave. `closely`: the triangles clipped to the grid wherever that can be had, whatever it costs, for a
-  // run that does not fit by what was said before; where it is false, a backend that has sums over the whole mesh may
-  // use these. Errors: the job's.
+  // run that does not fit by what was said before; where it is false, a backend may use a sample, or sums over the
+  // whole mesh. Errors: the job's.
   virtual absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const = 0;
 
   // In: the plan's layers of a slab. Out: the layers of a slab for which the device has room now, at most `depth`, a

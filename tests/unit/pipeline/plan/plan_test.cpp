@@ -162,7 +162,7 @@ TEST(PlanTest, WhatCannotBeCountedIsNotPrintedAsANumber) {
   EXPECT_THAT(std::string(FitGrid(tiny, extent.box).status().message()), HasSubstr("more than 10^15 voxels"));
 }
 
-// Measures as the CPU does, and counts how often.
+// Measures as the CPU does, and counts how often it looks at all triangles.
 class CountingMeasure {
  public:
   CountingMeasure(const TriangleMesh& mesh, const VoxelizeRequest& request) : request_(request) {
@@ -182,7 +182,7 @@ class CountingMeasure {
     request_.grid = grid;
     measured_ = 0;
     const auto measure = [&](const GridSpec& spec, bool closely) {
-      ++measured_;
+      measured_ += closely ? 1 : 0;
       return stages_->Measure(spec, size_, closely);
     };
     return PlanOn({*backend_, request_, size_, measure, limits, Delivery::kMemory}).status();
@@ -203,7 +203,7 @@ class CountingMeasure {
   int measured_ = 0;
 };
 
-// Each measurement visits every triangle: a search that made twenty took seconds to say no.
+// Each close measurement visits every triangle: a search that made twenty took seconds to say no.
 TEST(PlanTest, ARefusalLooksAtTheMeshFourTimes) {
   struct Case {
     const char* name;
@@ -256,6 +256,31 @@ TEST(PlanTest, ARefusalLooksAtTheMeshFourTimes) {
         }
       }
     }
+  }
+}
+
+// A sample that leaves no doubt is enough; near a limit all triangles decide.
+TEST(PlanTest, AllTrianglesAreLookedAtWhereASampleComesNearALimit) {
+  const TriangleMesh mesh = testing::Torus(150);
+  for (const ResultKind kind : {ResultKind::kDense, ResultKind::kSparse, ResultKind::kBuckets}) {
+    VoxelizeRequest request;
+    request.result = kind;
+    request.targets = {FloatTarget(1, Blend::kMax, {"occupancy", {}})};
+    if (kind == ResultKind::kBuckets) request.targets[0].blend = Blend::kReplace;
+    CountingMeasure counting(mesh, request);
+    GridRequest grid;
+    grid.resolution = 200;
+    PlanLimits limits;
+    EXPECT_TRUE(counting.Plan(grid, limits).ok());
+    EXPECT_EQ(counting.measured(), 0) << Name(kind);
+    limits.max_working_bytes = 1 << 20;
+    const absl::Status refused = counting.Plan(grid, limits);
+    ASSERT_TRUE(LimitErrorOf(refused).has_value()) << refused;
+    limits.max_working_bytes = LimitErrorOf(refused)->need_bytes;
+    EXPECT_TRUE(counting.Plan(grid, limits).ok()) << Name(kind);
+    EXPECT_EQ(counting.measured(), 1) << Name(kind);
+    --limits.max_working_bytes;
+    EXPECT_FALSE(counting.Plan(grid, limits).ok()) << Name(kind);
   }
 }
 
