@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <atomic>
 #include <bit>
+#include <optional>
 #include <span>
+#include <string>
 #include <utility>
 
 #include "base/parallel.h"
@@ -11,6 +13,7 @@
 #include "cpu/a_buffer.h"
 #include "cpu/footprint.h"
 #include "cpu/run_state.h"
+#include "host_mesh/kept_surfaces.h"
 #include "host_mesh/measure.h"
 #include "host_mesh/vertex_shade.h"
 
@@ -44,8 +47,12 @@ class CpuStages final : public Stages {
   absl::StatusOr<Surface> Measure(const GridSpec& grid, const MeshSize& mesh, bool closely) const override {
     const VoxelizeRequest& request = state_.request.request;
     if (state_.view.triangle_count == 0) return EstimateSurface(request, grid, mesh);
-    return closely ? MeasureSurface(state_.view, request, grid, state_.job)
-                   : SampleSurface(state_.view, request, grid, state_.job);
+    const std::string key = SurfaceKey(state_, grid, closely);
+    if (std::optional<Surface> kept = FindSurface(key)) return *std::move(kept);
+    absl::StatusOr<Surface> surface = closely ? MeasureSurface(state_.view, request, grid, state_.job)
+                                              : SampleSurface(state_.view, request, grid, state_.job);
+    if (surface.ok()) KeepSurface(key, *surface);
+    return surface;
   }
   void Begin(const GridSpec& grid, const Surface& /*expected*/, ListMemory* lists) override {
     grid_ = grid;

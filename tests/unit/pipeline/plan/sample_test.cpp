@@ -173,5 +173,32 @@ TEST(SampleTest, IsTheSameForAnyNumberOfThreads) {
   EXPECT_EQ(one.bricks, four.bricks);
 }
 
+// What has the same content_id has the same arrays, or so its maker says.
+TEST(KeptSurfacesTest, AMeshThatIsKeptIsMeasuredOnceAGrid) {
+  VoxelizeRequest request;
+  request.grid = UnitGrid(64, 64, 64);
+  request.result = ResultKind::kBuckets;
+  TriangleMesh large = testing::Torus(20), small = testing::Torus(10);
+  for (Vec3d& p : large.positions) p = (p + Vec3d{2, 2, 2}) * 15.0;
+  for (Vec3d& p : small.positions) p = (p + Vec3d{2, 2, 2}) * 5.0;
+  const double of_large = Measure(large, request, true).fragments, of_small = Measure(small, request, true).fragments;
+  ASSERT_GT(of_large, of_small);
+  large.content_id = small.content_id = "kept by this test";
+  EXPECT_EQ(Measure(large, request, true).fragments, of_large);
+  EXPECT_EQ(Measure(small, request, true).fragments, of_large);
+  request.coverage = Coverage::kThin;
+  EXPECT_LT(Measure(small, request, true).fragments, of_small);
+  request.coverage = Coverage::kConservative;
+  request.grid = UnitGrid(64, 64, 65);
+  EXPECT_EQ(Measure(small, request, true).fragments, of_small);
+  request.grid = UnitGrid(64, 64, 64);
+  request.vertex_shader = {"transform", {}};
+  EXPECT_EQ(Measure(small, request, true).fragments, of_small);
+  request.vertex_shader = {"identity", {}};
+  EXPECT_EQ(Measure(small, request, true).fragments, of_large);
+  small.content_id.clear();
+  EXPECT_EQ(Measure(small, request, true).fragments, of_small);
+}
+
 }  // namespace
 }  // namespace voxelpipe
