@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/parallel.h"
 #include "host_mesh/measure_cells.h"
 #include "host_mesh/measure_fill.h"
 #include "host_mesh/measure_touch.h"
@@ -308,13 +309,15 @@ class Sampler {
   }
 
   void Mark(const std::vector<uint64_t>& large) {
-    for (const uint64_t i : large) {
-      const Triangle t = TriangleAt(mesh_, space_, i);
-      const auto [lo, hi] = BoundsOf(t);
-      Box box;
-      if (!VoxelsOf(lo, hi, grid_, box)) continue;
-      cells_.ForEach(t, box, [&](int64_t x, int64_t y, int64_t z) { cells_.Mark(x, y, z); });
-    }
+    ParallelChunks(int64_t(large.size()), kGrainOfSample, job_, [&](int64_t begin, int64_t end) {
+      for (int64_t i = begin; i < end; ++i) {
+        const Triangle t = TriangleAt(mesh_, space_, large[size_t(i)]);
+        const auto [lo, hi] = BoundsOf(t);
+        Box box;
+        if (!VoxelsOf(lo, hi, grid_, box)) continue;
+        cells_.ForEach(t, box, [&](int64_t x, int64_t y, int64_t z) { cells_.Mark(x, y, z); });
+      }
+    }).IgnoreError();  // the caller checks the job
   }
 
   // The fragments of conservative coverage of a triangle, on average.
