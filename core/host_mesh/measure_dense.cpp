@@ -8,6 +8,8 @@
 #include "host_mesh/measure_cells.h"
 #include "host_mesh/measure_sample.h"
 #include "host_mesh/measure_touch.h"
+#include "pipeline/plan/footprint_parts.h"
+#include "raster/row_bits_fit.h"
 
 namespace voxelpipe {
 namespace {
@@ -16,6 +18,8 @@ constexpr uint64_t kSample = 1 << 9;
 // What none of n samples shows happens less often than 3 times in n, in 95 of 100 cases (J. Hanley and A.
 // Lippman-Hand, "If Nothing Goes Wrong, Is Everything All Right?", JAMA 249, 1983): triangles through all layers.
 constexpr double kUnseen = 3;
+// Rows of bits need no tiles: of few triangles all may reach through all layers, and lists of them take little.
+constexpr double kFewLayers = 1 << 22;
 constexpr uint64_t kAllCrossed = 1 << 16, kStepOfCrossings = 8;  // of larger meshes one triangle of so many
 constexpr uint64_t kGrain = 1 << 12;
 
@@ -60,9 +64,13 @@ double SumCrossings(const MeshView& mesh, const GridSpec& grid, const IndexSpace
 absl::StatusOr<Surface> SampleDense(const MeshView& mesh, const VoxelizeRequest& request, const GridSpec& grid,
                                     const JobContext& job) {
   const IndexSpace space = grid.index_space();
-  const uint64_t count = mesh.triangle_count, samples = std::min(count, kSample);
-  const double weight = double(count) / double(samples);
+  const uint64_t count = mesh.triangle_count;
   Surface out;
+  out.layers = double(count) * double(grid.dims[2]);
+  const bool rows = footprint::PlainBits(request) && !FillsParts(request) && RowBitsFit(grid, count);
+  const uint64_t samples = rows && out.layers < kFewLayers ? 0 : std::min(count, kSample);
+  const double weight = double(count) / double(std::max<uint64_t>(1, samples));
+  if (samples > 0) out.layers = samples < count ? kUnseen * weight * double(grid.dims[2]) : 0;
   for (uint64_t i = 0; i < samples; ++i) {
     const uint64_t first = i * count / samples, end = (i + 1) * count / samples;
     const Triangle t = TriangleAt(mesh, space, first + Scatter(i) % (end - first));
@@ -74,7 +82,6 @@ absl::StatusOr<Surface> SampleDense(const MeshView& mesh, const VoxelizeRequest&
     out.pairs += weight * PairsOf(touch);
     out.fragments += weight * touch.fragments;  // for RescaleSurface
   }
-  if (samples < count) out.layers += kUnseen * weight * double(grid.dims[2]);
   const double all = double(grid.voxels());
   out.tiles = std::min(out.pairs, all / kTileVoxels + double(grid.dims[1] * grid.dims[2]) / 64 + 1);
   if (CastsLines(request.fill)) out.crossings = SumCrossings(mesh, grid, space, job);
