@@ -1,8 +1,8 @@
 // Sources: A. Chao and C.-W. Lin, "Nonparametric Lower Bounds for Species Richness and Shared Species Richness under
 // Sampling without Replacement", Biometrics 68, 2012: how many voxels a mesh covers, from how often the triangles of a
-// sample cover the same one. P. Flajolet, "On Adaptive Sampling", Computing 43, 1990: counting in a table of fixed size.
-// The bound is low where triangles are spread unevenly; the area of a surface that does not coincide with itself says
-// more, within limits (kMostUneven).
+// sample cover the same one. P. Flajolet, "On Adaptive Sampling", Computing 43, 1990: counting in a table of fixed
+// size. The bound is low where triangles are spread unevenly; the area of a surface that does not coincide with itself
+// says more, within limits (kMostUneven).
 #include "host_mesh/measure_sample.h"
 
 #include <tbb/blocked_range.h>
