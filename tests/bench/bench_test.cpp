@@ -1,10 +1,13 @@
-// What benchmarks compare must be comparable: closed meshes of the size they say, and a yardstick that marks the same
-// voxels.
+// What benchmarks compare must be comparable: closed meshes of the size they say, files that hold them, and a yardstick
+// that marks the same voxels.
 #include <bit>
 
+#include "bench/inputs/attributes.h"
+#include "bench/inputs/mesh_files.h"
 #include "bench/meshes.h"
-#include "bench/yardstick.h"
+#include "bench/peers/yardstick.h"
 #include "gtest/gtest.h"
+#include "load/load_mesh.h"
 #include "mesh/report.h"
 #include "pipeline/voxelize.h"
 
@@ -41,6 +44,24 @@ TEST(BenchMeshes, MazeIsOneWayThroughAllItsRooms) {
   const auto flooded = Voxelize(maze, request, {JobContext()});
   ASSERT_TRUE(walls.ok() && flooded.ok());
   EXPECT_EQ(flooded->stats.occupied, walls->stats.occupied);
+}
+
+TEST(BenchFiles, HoldTheMeshTheyWereMadeOf) {
+  TriangleMesh mesh = BumpySphere(500);
+  AddAttributes(mesh, {32, true});
+  LoadRequest load;
+  load.textures.base_color = true;
+  const auto glb = LoadMeshFor(JobContext(), GlbBytes(mesh), load);
+  ASSERT_TRUE(glb.ok()) << glb.status();
+  EXPECT_EQ(glb->mesh.triangles, mesh.triangles);
+  EXPECT_EQ(glb->mesh.normals.size(), mesh.positions.size());
+  EXPECT_EQ(glb->mesh.uv[0].size(), mesh.positions.size());
+  ASSERT_EQ(glb->mesh.images.size(), 1u);
+  EXPECT_EQ(glb->mesh.images[0]->rgba, mesh.images[0]->rgba);
+  EXPECT_EQ(glb->mesh.materials[0].alpha_mode, AlphaMode::kMask);
+  const auto stl = LoadMeshFor(JobContext(), StlBytes(mesh), {.type = MeshFormat::kStl});
+  ASSERT_TRUE(stl.ok()) << stl.status();
+  EXPECT_EQ(stl->mesh.triangles.size(), mesh.triangles.size());
 }
 
 TEST(Yardstick, MarksTheVoxelsOfTheConservativeCoverage) {

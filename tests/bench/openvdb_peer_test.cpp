@@ -1,5 +1,5 @@
 // The peer must do the work it is measured for: mark the surface that we mark, on the same grid.
-#include "bench/openvdb_peer.h"
+#include "bench/peers/openvdb_peer.h"
 
 #include "bench/meshes.h"
 #include "gtest/gtest.h"

@@ -17,8 +17,8 @@
 #include <random>
 
 #include "bench/meshes.h"
-#include "bench/openvdb_peer.h"
-#include "bench/yardstick.h"
+#include "bench/peers/openvdb_peer.h"
+#include "bench/peers/yardstick.h"
 #include "load/loader.h"
 #include "load/pack.h"
 #include "mesh/flatten.h"

@@ -1,4 +1,4 @@
-#include "bench/yardstick.h"
+#include "bench/peers/yardstick.h"
 
 #include <cmath>
 

@@ -1,4 +1,4 @@
-#include "bench/openvdb_peer.h"
+#include "bench/peers/openvdb_peer.h"
 
 #ifdef VOXELPIPE_OPENVDB
 #include <openvdb/openvdb.h>
