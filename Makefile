@@ -40,6 +40,7 @@ setup: setup-programs ## Install the missing Debian packages (docker/packages-*.
 	@bash tests/support/apt_install.sh docker/packages-browser.txt docker/packages-formats.txt \
 	  || echo "setup: going on without the tests of browsers and formats"
 	@bash tests/support/apt_install.sh docker/packages-operations.txt || echo "setup: going on without those of operations"
+	@bash tests/support/apt_install.sh docker/packages-valgrind.txt || echo "setup: going on without counted instructions"
 
 configure: setup-programs
 	@mkdir -p $(BUILD_DIR)
@@ -88,6 +89,11 @@ bench: configure ## Measure the pipeline; BENCH_ARGS="--mesh=NAME=FILE --threads
 	@$(CONFIGURE) -DVOXELPIPE_BENCH=ON >$(BUILD_DIR)/configure.log
 	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelize_bench
 	@bash tests/bench/bench.sh $(BUILD_DIR) $(BENCH_ARGS)
+
+.PHONY: instruction-counts
+instruction-counts: configure ## Count the instructions of small cases anew (tests/bench/instructions/instruction_counts.json)
+	@bash tests/support/apt_install.sh docker/packages-valgrind.txt
+	cmake --build --preset $(PRESET) -j $(JOBS) --target instruction_counts
 
 results: ## Make tests/bench/RESULTS.md and its plot of tests/bench/results/*.json
 	@bash tests/support/python.sh tests/bench/make_results.py
