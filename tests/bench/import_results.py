@@ -3,8 +3,8 @@
 
 usage: import_results.py INPUT --out DIR [--machine TEXT] [--commit TEXT] [--date YYYY-MM-DD] [--method TEXT]
 
-INPUT is Google Benchmark's JSON of voxelize_bench, or the log of cuda_bench, of tests/gpu/run.sh's section service, or
-of service.py: their Markdown tables and lines of stages. Each kind of table becomes a file in DIR, named after it.
+INPUT is Google Benchmark's JSON of voxelize_bench, or the log of cuda_bench, of whole_calls, of tests/gpu/run.sh's
+section service, or of service.py: their Markdown tables and lines of stages. Each kind of table becomes a file in DIR, named after it.
 Rows that were not measured (an error in place of figures) are left out, and said on stderr.
 """
 import argparse
@@ -17,8 +17,9 @@ import sys
 import bench_file
 
 OPENVDB = "OpenVDB meshToVolume"
-RENAMED = {"n": "N", "grid": "N", "at": "N", "ms": "ours", "requests_s": "ours", "pass": "theirs",
+RENAMED = {"n": "N", "grid": "N", "at": "N", "ms": "ours", "requests_s": "ours", "pass": "theirs", "floor": "theirs",
            "stretch": "stretch_ms"}
+FLOOR = "bytes to move, at the machine's rates"
 STAGES = re.compile(r"^(?:- )?(?P<case>.+), (?P<mesh>\S+) (?P<n>\d+): "
                     r"(?P<stages>[A-Z]\w+ [\d.]+(?:, [A-Z]\w+ [\d.]+)*)$")
 # The figure of a cell of service.py that stands for it, and its unit; the first that is found.
@@ -112,6 +113,10 @@ def service_row(cells):
 KINDS = (
     (("case", "mesh", "N"), "gpu-kernels", "GPU, mesh and result on the device", "ms", "lower", "target"),
     (("shaded case",), "gpu-shaders", "GPU, shaders as users run them", "ms", "lower", None),
+    (("call from bytes, cpu",), "cpu-whole-calls", "CPU, from a file's bytes to the result", "ms", "lower", FLOOR),
+    (("call from bytes, cuda",), "gpu-whole-calls", "GPU, from a file's bytes to the result", "ms", "lower", FLOOR),
+    (("whole call", "mesh", "N", "first ms", "ms", "p10-p90", "stages ms"), "gpu-limits",
+     "GPU, whole calls beside the sizes where they change their way", "ms", "lower", None),
     (("whole call",), "gpu-calls", "GPU, whole calls", "ms", "lower", None),
     (("1000 meshes of 500 triangles",), "gpu-batches", "GPU, 1,000 meshes of 500 triangles", "ms", "lower", None),
     (("backend", "batches", "clients", "call"), "gpu-service", "Service, small jobs on the GPU and on the CPU",
@@ -173,6 +178,8 @@ def of_google(benchmarks, complain):
             made = {**head, "ours": round(row["wall"], 2), "p10": round(row["wall_p10"], 2),
                     "p90": round(row["wall_p90"], 2), "cpu_ms": round(row["cpu"], 2),
                     "cpu_min_ms": round(row["cpu_min"], 2), "occupied": int(row["occupied"])}
+            made.update((name.removeprefix("stage.") + "_ms", round(ms, 2)) for name, ms in row.items()
+                        if name.startswith("stage."))
             if "floor" in row:
                 made["theirs"] = float(f"{row['floor']:.3g}")
             cpu["rows"].append(made)

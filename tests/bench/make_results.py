@@ -6,6 +6,7 @@ usage: make_results.py                 writes the three files (make results)
        make_results.py --print FILE... prints the page of these files instead
        make_results.py --check         exits with 1 if the three files are not what it would write
 """
+import fnmatch
 import glob
 import math
 import os
@@ -34,6 +35,31 @@ later experiments and the [changelog](../../../CHANGELOG.md) may have removed it
 | number | question | decision |
 |---|---|---|
 """
+SHADED = "sphere1M"
+# What users feel: a name, and the figures beside each other as file, case, mesh, N. A file "*-beside-X" is read for
+# every commit X that ours was measured beside.
+TWELVE = (
+    ("CPU: bits, 512 / 64", ("cpu-beside-*", "bits", SHADED, 512), ("cpu-beside-*", "bits", SHADED, 64)),
+    ("CPU: triangle ids, 512", ("cpu-beside-*", "f32 max triangle_id sparse", SHADED, 512)),
+    ("CPU: normals, 512, replace / average", ("cpu-beside-*", "f32x3 replace normal sparse", SHADED, 512),
+     ("cpu-beside-*", "f32x3 average normal sparse", SHADED, 512)),
+    ("CPU: textured colours, 512, replace / average", ("cpu-beside-*", "u8x4 replace base_color sparse", SHADED, 512),
+     ("cpu-beside-*", "u8x4 average base_color sparse", SHADED, 512)),
+    ("CPU: buckets of colours, 512", ("cpu-beside-*", "buckets of u8x4 base_color", SHADED, 512)),
+    ("CPU: flood fill, 512", ("cpu-beside-*", "flood fill", SHADED, 512)),
+    ("CPU: flood of a maze, 256 / 400", ("cpu-beside-*", "flood fill", "maze", 256),
+     ("cpu-beside-*", "flood fill", "maze", 400)),
+    ("GPU: sparse f32 max, 1024, 2 M triangles kept / new", ("gpu-limits", "sparse f32 max", "shaded2M, kept", 1024),
+     ("gpu-limits", "sparse f32 max", "shaded2M", 1024)),
+    ("GPU: sparse normals, 1024, 2 M triangles kept",
+     ("gpu-limits", "sparse f32x3 replace normal", "shaded2M, kept", 1024)),
+    ("GPU: dense f32, 1024, bunny kept / new", ("gpu-limits", "dense f32 max", "bunny, kept", 1024),
+     ("gpu-limits", "dense f32 max", "bunny", 1024)),
+    ("GPU: GLB of 2 M triangles to normals, 512",
+     ("gpu-whole-calls", "sparse f32x3 replace normal, new, GLB", "sphere2M", 512)),
+    ("GPU: textured GLB of 2 M triangles to colours, 512",
+     ("gpu-whole-calls", "sparse u8x4 replace base_color, new, textured GLB", "sphere2M", 512)),
+)
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#666666", "#000000")
 
 
@@ -52,6 +78,29 @@ def text(value):
 
 def link(path, folder):
     return os.path.relpath(path, folder).replace(os.sep, "/")
+
+
+def first_page(files):
+    """The twelve rows: ours, and beside it what it was compared with in the same run."""
+    lines = ["| row | ours | compared with | its figure | times better | commit |", "|---|---|---|---|---|---|"]
+    for name, *figures in TWELVE:
+        found = False
+        for path, results in files:
+            stem = os.path.basename(path).removesuffix(".json")
+            known = {bench_file.key(row): row for row in results["rows"]}
+            rows = [known.get(tuple(key)) for pattern, *key in figures if fnmatch.fnmatch(stem, pattern)]
+            if not rows or None in rows:
+                continue
+            found = True
+            ratios = [bench_file.ratio(results, row) for row in rows]
+            peers = {bench_file.of(results, row, "peer", "") for row in rows if "theirs" in row}
+            cells = [name, " / ".join(number(row["ours"]) for row in rows) + " " + results["unit"], ", ".join(peers),
+                     " / ".join(number(row["theirs"]) for row in rows if "theirs" in row),
+                     " / ".join(factor(ratio) for ratio in ratios if ratio is not None), results["commit"]]
+            lines.append("| " + " | ".join(cells) + " |")
+        if not found:
+            lines.append(f"| {name} | not measured | | | | |")
+    return "\n".join(lines)
 
 
 def runs(files, folder):
@@ -83,7 +132,7 @@ def table(files):
 def page(files, plot, folder):
     """The whole page. `folder`: where it will lie, for its links."""
     picture = f"\n![{', '.join(r['title'] for _, r in files if 'plot' in r)}: time over N]({plot})\n" if plot else ""
-    return (f"{INTRO}{picture}\n## Runs\n\n{runs(files, folder)}\n\n## Figures\n\n"
+    return (f"{INTRO}\n## What users feel\n\n{first_page(files)}\n{picture}\n## Runs\n\n{runs(files, folder)}\n\n## Figures\n\n"
             "`ratio`: how many times better ours is than what it is compared with; below 1 it is worse. `N`: voxels\n"
             "along the longest axis. `run`: the number in the list above.\n\n" + table(files) + "\n")
 

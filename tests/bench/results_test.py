@@ -8,6 +8,7 @@ import tempfile
 import unittest
 
 import bench_file
+import compare_programs
 import compare_results
 import import_results
 import make_results
@@ -45,7 +46,7 @@ GRPC_TABLE = """| | ours | bare gRPC, same run | to reach |
 
 GOOGLE = {"benchmarks": [
     {"name": "cow/thin/128/manual", "wall": 1.234, "wall_p10": 1.2, "wall_p90": 1.3, "cpu": 2, "cpu_min": 1.5,
-     "occupied": 7.0, "floor": 0.12345},
+     "occupied": 7.0, "floor": 0.12345, "stage.plan": 0.25},
     {"name": "cow/yardstick/512/manual", "cpu": 221.4, "ours_cpu": 10.411, "missed": 0.0},
     {"name": "cow/solid/512", "error_message": "RESOURCE_EXHAUSTED"}]}
 
@@ -58,6 +59,15 @@ class Page(unittest.TestCase):
         row = {**ROW, "theirs": 5.0, "note": "a|b"}
         made = make_results.table([("x.json", results([row], peer="them"))])
         self.assertIn("| 1 | bits | cow | 128 | 2.0 |  | ms | them | 5.0 | 2.5 | occupied 10, note a\\|b |", made)
+
+    def test_the_first_page_has_every_row_beside_each_commit(self):
+        rows = [{"case": "bits", "mesh": "sphere1M", "N": n, "ours": ours, "theirs": 2 * ours}
+                for n, ours in ((512, 50.0), (64, 10.0))]
+        made = make_results.first_page([(f"results/cpu-beside-{name}.json", results(rows, peer=name)) for name in "AB"])
+        self.assertEqual(made.splitlines()[2:5], [
+            "| CPU: bits, 512 / 64 | 50.0 / 10.0 ms | A | 100.0 / 20.0 | 2 / 2 | c |",
+            "| CPU: bits, 512 / 64 | 50.0 / 10.0 ms | B | 100.0 / 20.0 | 2 / 2 | c |",
+            "| CPU: triangle ids, 512 | not measured | | | | |"])
 
     def test_an_experiment_has_a_title_and_a_decision(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -130,7 +140,7 @@ class Import(unittest.TestCase):
         made, said = self.made(json.dumps(GOOGLE))
         self.assertEqual(made["cpu-pipeline"]["rows"], [
             {"case": "thin", "mesh": "cow", "N": 128, "ours": 1.23, "p10": 1.2, "p90": 1.3, "cpu_ms": 2,
-             "cpu_min_ms": 1.5, "occupied": 7, "theirs": 0.123}])
+             "cpu_min_ms": 1.5, "occupied": 7, "plan_ms": 0.25, "theirs": 0.123}])
         self.assertEqual(made["cpu-plain-loop"]["rows"][0]["theirs"], 221)
         self.assertNotIn("cpu-openvdb", made)
         self.assertEqual(len(said), 2)  # the error, and that OpenVDB is missing
@@ -178,6 +188,37 @@ class Compare(unittest.TestCase):
                 self.assertEqual(compare_results.main([*paths, "--row", "bits cow 128=0.6"]), 0)
                 self.assertEqual(compare_results.main([*paths, "--row", "no such row=0.6"]), 2)
                 self.assertEqual(compare_results.main([paths[0], __file__]), 2)
+
+
+PROGRAM = """#!/usr/bin/env python3
+import json, sys
+assert sys.argv[1] == "voxelize" and "--json" in sys.argv
+if {fails} and "--fill" in sys.argv:
+    sys.exit("no such fill")
+print(json.dumps({{"voxelize_cpu_ms_min": {ms}, "voxelize_cpu_ms": 9, "voxelize_ms": 5, "hash": "{hash}"}}))
+"""
+
+
+class Programs(unittest.TestCase):
+    def test_ratios_of_programs_in_turns(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for name, ms, digest, fails in (("ours", 2.0, "a", 0), ("same", 4.0, "a", 0), ("other", 1.0, "b", 1)):
+                path = os.path.join(folder, name)
+                with open(path, "w", encoding="utf-8") as file:
+                    file.write(PROGRAM.format(ms=ms, hash=digest, fails=fails))
+                os.chmod(path, 0o755)
+            said = io.StringIO()
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(io.StringIO()):
+                code = compare_programs.main([
+                    f"{folder}/ours", f"--old=A={folder}/same", f"--old=B={folder}/other", "--mesh=sphere=x.glb",
+                    "--row=^(bits|flood fill) sphere 512$", "--rounds=2", "--machine=m", f"--out={folder}"])
+            self.assertEqual(code, 1)
+            self.assertIn("failed: flood fill sphere 512: B", said.getvalue())
+            first, second = (bench_file.read(f"{folder}/cpu-beside-{name}.json")["rows"] for name in "AB")
+            self.assertEqual([row["case"] for row in first], ["bits", "flood fill"])
+            self.assertEqual((first[0]["ours"], first[0]["theirs"], first[0]["of_its_time"]), (2.0, 4.0, 0.5))
+            self.assertEqual([(row["case"], row["of_its_time"], row["result"]) for row in second],
+                             [("bits", 2.0, "other bytes")])
 
 
 if __name__ == "__main__":
