@@ -5,6 +5,7 @@
 // wall, cpu and their spread are the pipeline's own (mesh in memory to result in memory, clearing included), warm:
 // medians, and the least. `floor` is what the machine itself needs: the result's bytes at the measured rate of clearing
 // (for bricks those of the mesh too, which is read once), or fragments at the measured rate of sorting 64-bit keys.
+// `stage.NAME` are the pipeline's stages, wall, medians.
 #include <benchmark/benchmark.h>
 #include <tbb/parallel_sort.h>
 #include <tbb/task_arena.h>
@@ -16,6 +17,7 @@
 #include <map>
 #include <random>
 
+#include "bench/inputs/attributes.h"
 #include "bench/meshes.h"
 #include "bench/peers/openvdb_peer.h"
 #include "bench/peers/yardstick.h"
@@ -40,10 +42,14 @@ double Quantile(std::vector<double> values, double q) {
   return values[size_t(q * double(values.size() - 1) + 0.5)];
 }
 
+// What a mesh has and a case's shaders read.
+enum class Attributes : uint8_t { kNone, kTextured, kMasked };
+
 struct Case {
   std::string name;
   VoxelizeRequest request;
   std::vector<int64_t> resolutions;
+  Attributes reads = Attributes::kNone;
 };
 
 TargetSpec Target(VoxelFormat format, int components, Blend blend, const char* shader) {
@@ -53,6 +59,40 @@ TargetSpec Target(VoxelFormat format, int components, Blend blend, const char* s
   target.blend = blend;
   target.shader = {shader, {}, {}};
   return target;
+}
+
+// Cases of targets, sparse unless their name says otherwise.
+void AddShadedCases(std::vector<Case>& cases) {
+  const std::vector<int64_t> all{64, 512, 1024}, some{64, 512};
+  const auto add = [&](const char* name, const std::vector<int64_t>& resolutions, ResultKind kind,
+                       const std::vector<TargetSpec>& targets, Attributes reads = Attributes::kTextured) {
+    Case c{name, {}, resolutions, reads};
+    c.request.grid.fit = GridFit::kCube;
+    c.request.threads = g_threads;
+    c.request.targets = targets;
+    c.request.result = kind;
+    cases.push_back(c);
+  };
+  const auto normal = [](Blend blend) { return Target(VoxelFormat::kF32, 3, blend, "normal"); };
+  const auto color = [](Blend blend) { return Target(VoxelFormat::kU8, 4, blend, "base_color"); };
+  const TargetSpec bits, id = Target(VoxelFormat::kF32, 1, Blend::kMax, "triangle_id");
+  using enum ResultKind;
+  add("bits_dense", all, kDense, {bits});
+  add("f32_max", all, kSparse, {id});
+  add("f32_max_dense", some, kDense, {id});
+  add("normal_replace", all, kSparse, {normal(Blend::kReplace)});
+  add("normal_first", some, kSparse, {normal(Blend::kFirst)});
+  add("normal_average", some, kSparse, {normal(Blend::kAverage)});
+  add("normal_replace_dense", some, kDense, {normal(Blend::kReplace)});
+  add("normal_average_dense", some, kDense, {normal(Blend::kAverage)});
+  add("color_replace", all, kSparse, {color(Blend::kReplace)});
+  add("color_average", some, kSparse, {color(Blend::kAverage)});
+  add("color_buckets", some, kBuckets, {color(Blend::kReplace)});
+  add("six_targets", some, kSparse,
+      {id, normal(Blend::kReplace), normal(Blend::kAverage), color(Blend::kReplace), color(Blend::kAverage),
+       Target(VoxelFormat::kF32, 2, Blend::kReplace, "uv")});
+  add("masked_replace", some, kSparse, {color(Blend::kReplace)}, Attributes::kMasked);
+  add("masked_buckets", some, kBuckets, {color(Blend::kReplace)}, Attributes::kMasked);
 }
 
 std::vector<Case> Cases() {
@@ -82,6 +122,7 @@ std::vector<Case> Cases() {
     r.result = ResultKind::kBuckets;
     r.coverage = Coverage::kThin;
   });
+  AddShadedCases(cases);
   return cases;
 }
 
@@ -123,6 +164,7 @@ double SortRate() {
 void Measure(benchmark::State& state, const TriangleMesh& mesh, VoxelizeRequest request) {
   request.grid.resolution = state.range(0);
   std::vector<double> wall, cpu;
+  std::map<std::string, std::vector<double>> stages;
   VoxelizeResult result;
   for (auto _ : state) {
     result = VoxelizeResult();
@@ -132,9 +174,12 @@ void Measure(benchmark::State& state, const TriangleMesh& mesh, VoxelizeRequest 
     state.SetIterationTime(result.stats.voxelize_ms / 1e3);
     wall.push_back(result.stats.voxelize_ms);
     cpu.push_back(result.stats.voxelize_cpu_ms);
+    if (wall.size() == 1) continue;  // the first one warms the pool of pages
+    for (const auto& [name, ms] : result.stats.stages) stages[name].push_back(ms);
   }
-  wall.erase(wall.begin());  // the first one warms the pool of pages
+  wall.erase(wall.begin());
   cpu.erase(cpu.begin());
+  for (const auto& [name, ms] : stages) state.counters["stage." + name] = Quantile(ms, 0.5);
   state.counters["wall"] = Quantile(wall, 0.5);
   state.counters["wall_p10"] = Quantile(wall, 0.1);
   state.counters["wall_p90"] = Quantile(wall, 0.9);
@@ -218,15 +263,27 @@ int Main(int argc, char** argv) {
   argc = kept;
   // Made when the first of its rows runs: a filter may leave most of them out.
   using Maker = std::function<TriangleMesh()>;
-  std::vector<std::pair<std::string, Maker>> makers;
-  for (const auto& [name, path] : files) makers.emplace_back(name, [path = path] { return LoadFile(path); });
-  makers.emplace_back("sphere70k", [] { return BumpySphere(70'000); });
-  makers.emplace_back("mix", [] { return Mixed(); });
-  makers.emplace_back("sphere1M", [] { return Subdivided(BumpySphere(70'000), 2); });
-  makers.emplace_back("torus5M", [] { return BumpyTorus(5'200'000); });
+  struct Input {
+    std::string name;
+    Maker make;
+    Attributes has = Attributes::kNone;
+  };
+  std::vector<Input> inputs;
+  for (const auto& [name, path] : files) inputs.push_back({name, [path = path] { return LoadFile(path); }});
+  inputs.push_back({"sphere70k", [] { return BumpySphere(70'000); }});
+  inputs.push_back({"mix", [] { return Mixed(); }});
+  inputs.push_back({"sphere1M", [] { return Subdivided(BumpySphere(70'000), 2); }});
+  inputs.push_back({"torus5M", [] { return BumpyTorus(5'200'000); }});
   for (const auto& [name, path] : files) {
-    if (name == "bunny") makers.emplace_back("bunny1M", [path = path] { return Subdivided(LoadFile(path), 2); });
+    if (name == "bunny") inputs.push_back({"bunny1M", [path = path] { return Subdivided(LoadFile(path), 2); }});
   }
+  const auto shaded = [](bool masked) {
+    TriangleMesh mesh = BumpySphere(1'000'000);
+    AddAttributes(mesh, {1024, masked});
+    return mesh;
+  };
+  inputs.push_back({"shaded1M", [=] { return shaded(false); }, Attributes::kTextured});
+  inputs.push_back({"masked1M", [=] { return shaded(true); }, Attributes::kMasked});
   static std::map<std::string, TriangleMesh> meshes;
   const auto mesh_of = [](const std::string& name, const Maker& make) -> const TriangleMesh& {
     const auto known = meshes.find(name);
@@ -244,16 +301,19 @@ int Main(int argc, char** argv) {
   });
   for (const int64_t resolution : {128, 256, 400, 512}) maze->Arg(resolution);
   maze->UseManualTime()->Iterations(6)->Unit(benchmark::kMillisecond);
-  for (const auto& [name, make] : makers) {
+  for (const Input& input : inputs) {
     for (const Case& c : Cases()) {
-      auto* row = benchmark::RegisterBenchmark((name + "/" + c.name).c_str(), [=](benchmark::State& state) {
-        Measure(state, mesh_of(name, make), c.request);
+      if (c.reads != input.has) continue;
+      auto* row = benchmark::RegisterBenchmark((input.name + "/" + c.name).c_str(), [=](benchmark::State& state) {
+        Measure(state, mesh_of(input.name, input.make), c.request);
       });
       for (const int64_t resolution : c.resolutions) row->Arg(resolution);
       row->UseManualTime()->Iterations(12)->Unit(benchmark::kMillisecond);
     }
-    benchmark::RegisterBenchmark((name + "/yardstick").c_str(),
-                                 [=](benchmark::State& state) { MeasureYardstick(state, mesh_of(name, make)); })
+    if (input.has != Attributes::kNone) continue;
+    benchmark::RegisterBenchmark(
+        (input.name + "/yardstick").c_str(),
+        [=](benchmark::State& state) { MeasureYardstick(state, mesh_of(input.name, input.make)); })
         ->Arg(512)
         ->UseManualTime()
         ->Iterations(3)
