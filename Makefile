@@ -85,9 +85,9 @@ wheels: setup configure ## Make the Python wheels, for every Linux with a glibc 
 	@ls -sh $(BUILD_DIR)/wheels
 
 bench: configure ## Measure the pipeline; BENCH_ARGS="--mesh=NAME=FILE --threads=N --benchmark_filter=REGEX"
-	@bash tests/support/apt_install.sh docker/packages-bench.txt || echo "bench: going on without OpenVDB to compare with"
+	@bash tests/support/apt_install.sh docker/packages-bench.txt || echo "bench: going on without peers to compare with"
 	@$(CONFIGURE) -DVOXELPIPE_BENCH=ON >$(BUILD_DIR)/configure.log
-	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelize_bench
+	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelize_bench whole_calls write_mesh
 	@bash tests/bench/bench.sh $(BUILD_DIR) $(BENCH_ARGS)
 
 .PHONY: instruction-counts

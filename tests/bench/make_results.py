@@ -132,7 +132,8 @@ def table(files):
 def page(files, plot, folder):
     """The whole page. `folder`: where it will lie, for its links."""
     picture = f"\n![{', '.join(r['title'] for _, r in files if 'plot' in r)}: time over N]({plot})\n" if plot else ""
-    return (f"{INTRO}\n## What users feel\n\n{first_page(files)}\n{picture}\n## Runs\n\n{runs(files, folder)}\n\n## Figures\n\n"
+    return (f"{INTRO}\n## What users feel\n\n{first_page(files)}\n{picture}\n"
+            f"## Runs\n\n{runs(files, folder)}\n\n## Figures\n\n"
             "`ratio`: how many times better ours is than what it is compared with; below 1 it is worse. `N`: voxels\n"
             "along the longest axis. `run`: the number in the list above.\n\n" + table(files) + "\n")
 

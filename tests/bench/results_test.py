@@ -44,6 +44,11 @@ GRPC_TABLE = """| | ours | bare gRPC, same run | to reach |
 | refused | 7 of 9, other errors none; p50 3.47, p99 15.86, max 21.6 ms | | p99 <= 5 ms |
 """
 
+CALLS = """| call from bytes, cpu | mesh | N | ms | p10-p90 | floor | steps | assimp | result MB |
+|---|---|---|---|---|---|---|---|---|
+| bits, new, GLB | sphere1k | 64 | 0.27 | 0.26-0.28 | 0.0115 | load 0.06, flatten 0.03 | 4.77 | 0.033 |
+"""
+
 GOOGLE = {"benchmarks": [
     {"name": "cow/thin/128/manual", "wall": 1.234, "wall_p10": 1.2, "wall_p90": 1.3, "cpu": 2, "cpu_min": 1.5,
      "occupied": 7.0, "floor": 0.12345, "stage.plan": 0.25},
@@ -129,6 +134,12 @@ class Import(unittest.TestCase):
         self.assertEqual(made["gpu-service"]["rows"], [
             {"case": "cuda, many calls, 16 clients, no batches", "ours": 13223, "p50_ms": 1.20,
              "jobs_in_a_batch_mean": 1.0, "jobs_in_a_batch_most": 1}])
+
+    def test_whole_calls(self):
+        made, _ = self.made(CALLS)
+        self.assertEqual(made["cpu-whole-calls"]["rows"], [
+            {"case": "bits, new, GLB", "mesh": "sphere1k", "N": 64, "ours": 0.27, "p10": 0.26, "p90": 0.28,
+             "theirs": 0.0115, "steps": "load 0.06, flatten 0.03", "assimp": 4.77, "result_mb": 0.033}])
 
     def test_the_service_beside_grpc(self):
         dense, refused = self.made(GRPC_TABLE)[0]["service"]["rows"]

@@ -3,8 +3,8 @@
 
 usage: plant_slowdowns.py BUILD_DIR [PLANT]...     PLANT: rows, shading, flatten, filter; all without any
 
-For use by hand: each plant changes source files of this checkout, builds instruction_rows in BUILD_DIR, counts, and puts
-the files back. It does a tenth of the work twice, or adds as many instructions that do nothing as a tenth of the work
+For use by hand: each plant changes source files of this checkout, builds instruction_rows in BUILD_DIR, counts, and
+puts the files back. It does a tenth of the work twice, or adds as many instructions that do nothing as a tenth of the work
 took when the plant was written. instruction_counts.json has to hold the numbers of this commit. Prints what the test
 says; exit 1 if it does not fail.
 """
