@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# cpu_results.sh BUILD_DIR --old NAME=PROGRAM... [more options of compare_programs.py]: makes the CPU's files of results
+# that RESULTS.md begins with: BUILD_DIR's command line beside those of older commits, in turns, and whole calls from
+# files' bytes. For a quiet machine. BUILD_DIR is built with -DVOXELPIPE_BENCH=ON (make bench does). RESULTS_DIR: where
+# the files go, instead of results/ beside this script.
+set -euo pipefail
+build=$1
+shift
+here=$(cd "$(dirname "$0")" && pwd)
+results=${RESULTS_DIR:-$here/results}
+meshes=$(mktemp -d)
+trap 'rm -rf "$meshes"' EXIT
+about=(--machine "$(nproc) cores, $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1)"
+  --commit "$(git -C "$here" describe --always --dirty 2>/dev/null || echo unknown)")
+"$build/bin/write_mesh" "$meshes/sphere1M.glb"
+"$build/bin/write_mesh" "$meshes/masked.glb" --masked
+bash "$here/../support/python.sh" "$here/compare_programs.py" "$build/bin/voxelpipe" \
+  --mesh sphere1M="$meshes/sphere1M.glb" --mesh masked="$meshes/masked.glb" --out "$results" "${about[@]}" "$@"
+"$build/bin/whole_calls" --threads 2 | tee "$meshes/calls.log"
+bash "$here/../support/python.sh" "$here/import_results.py" "$meshes/calls.log" --out "$results" "${about[@]}" \
+  --method "\`whole_calls --threads 2\`: medians of 7 calls after one, wall time."
