@@ -3,7 +3,8 @@ PRESET ?= dev
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 TEST_JOBS ?= 2
 
-GPU_BUNDLE_TARGETS := cuda_parity cuda_bench cuda_devices device_parity plan_bounds voxelpipe voxelpiped mesh_fuzz parser_fuzz
+GPU_BUNDLE_TARGETS := cuda_parity cuda_bench cuda_devices device_parity plan_bounds voxelpipe voxelpiped mesh_fuzz parser_fuzz \
+  whole_calls
 
 # Of make fuzz: by the names of tests/fuzz/parsers/parsers.cpp.
 FUZZERS ?= gltf glb draco stl ply off obj threemf image meshopt data_uri manifest options web
@@ -87,7 +88,7 @@ wheels: setup configure ## Make the Python wheels, for every Linux with a glibc 
 bench: configure ## Measure the pipeline; BENCH_ARGS="--mesh=NAME=FILE --threads=N --benchmark_filter=REGEX"
 	@bash tests/support/apt_install.sh docker/packages-bench.txt || echo "bench: going on without peers to compare with"
 	@$(CONFIGURE) -DVOXELPIPE_BENCH=ON >$(BUILD_DIR)/configure.log
-	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelize_bench whole_calls write_mesh
+	cmake --build --preset $(PRESET) -j $(JOBS) --target voxelize_bench
 	@bash tests/bench/bench.sh $(BUILD_DIR) $(BENCH_ARGS)
 
 .PHONY: instruction-counts

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # cpu_results.sh BUILD_DIR --old NAME=PROGRAM... [more options of compare_programs.py]: makes the CPU's files of results
 # that RESULTS.md begins with: BUILD_DIR's command line beside those of older commits, in turns, and whole calls from
-# files' bytes. For a quiet machine. BUILD_DIR is built with -DVOXELPIPE_BENCH=ON (make bench does). RESULTS_DIR: where
-# the files go, instead of results/ beside this script.
+# files' bytes. For a quiet machine. It builds what it needs in BUILD_DIR. RESULTS_DIR: where the files go, instead of
+# results/ beside this script.
 set -euo pipefail
 build=$1
 shift
@@ -12,6 +12,7 @@ meshes=$(mktemp -d)
 trap 'rm -rf "$meshes"' EXIT
 about=(--machine "$(nproc) cores, $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1)"
   --commit "$(git -C "$here" describe --always --dirty 2>/dev/null || echo unknown)")
+cmake --build "$build" --target voxelpipe whole_calls write_mesh
 "$build/bin/write_mesh" "$meshes/sphere1M.glb"
 "$build/bin/write_mesh" "$meshes/masked.glb" --masked
 bash "$here/../support/python.sh" "$here/compare_programs.py" "$build/bin/voxelpipe" \

@@ -11,14 +11,15 @@
 #   server    voxelpiped on the GPU, its results' hash
 #   service   load on voxelpiped: small jobs with and without batches, on the GPU and on the CPU
 #   bench     the table, stage times, whole calls
+#   calls     from a mesh file's bytes to the result, step by step
 #   plans     what runs take of host and device against their plans
 #   meshes    parity on the benchmark's meshes at 512^3 and 1024^3
 #   profile   Nsight Compute on the largest rows
 # Without sections: all; parity, device, cli and server side by side, the others alone.
 #   -f FILTER  of cuda_parity (parity) and cuda_bench (bench, profile)
 #   LIMIT=N    environment: seconds a section may take, in place of its own limit
-# Logs go to LOG_DIR (default ./gpu-logs), one a section; figures of bench and service to LOG_DIR/results as JSON. The
-# last lines are a summary. Exit 0 if all passed.
+# Logs go to LOG_DIR (default ./gpu-logs), one a section; figures of bench, calls and service to LOG_DIR/results as JSON.
+# The last lines are a summary. Exit 0 if all passed.
 set -uo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 logs="gpu-logs"
@@ -223,6 +224,10 @@ bench() {
   timeout "$((seconds + 30))" "$bin/cuda_bench" --budget "$seconds" "${options[@]}"
 }
 
+calls() {
+  timeout "$(limit 300)" "$bin/whole_calls" --backend cuda
+}
+
 # save_results SECTION: the tables of its log as JSON files in LOG_DIR/results (tests/bench/bench_file.py).
 save_results() {
   python3 "$here/import_results.py" "$logs/$1.log" --out "$logs/results" --commit "$(cat "$here/COMMIT")" \
@@ -259,13 +264,13 @@ run_section() {
 }
 
 sections=("$@")
-if ((${#sections[@]} == 0)); then sections=(parity sanitize sanitize_large device cli server devices service bench plans meshes profile); fi
+if ((${#sections[@]} == 0)); then sections=(parity sanitize sanitize_large device cli server devices service bench calls plans meshes profile); fi
 together=()
 alone=()
 for section in "${sections[@]}"; do
   case "$section" in
     parity | device | cli | server) together+=("$section") ;;
-    bench | devices | meshes | plans | profile | sanitize | sanitize_large | service) alone+=("$section") ;;
+    bench | calls | devices | meshes | plans | profile | sanitize | sanitize_large | service) alone+=("$section") ;;
     *) echo "run.sh: no section '$section'" >&2; exit 2 ;;
   esac
 done
@@ -282,7 +287,7 @@ done
 wait
 for section in "${together[@]}"; do read -r code[$section] seconds[$section] <"$work/$section.code"; done
 for section in "${alone[@]}"; do run_section "$section"; done
-for section in bench service; do
+for section in bench calls service; do
   if [[ -n "${code[$section]:-}" ]]; then save_results "$section"; fi
 done
 
@@ -291,7 +296,7 @@ for section in "${sections[@]}"; do
   echo
   echo "--- $section"
   case "$section" in
-    bench | plans | profile | service) head -c 14000 "$logs/$section.log" ;;
+    bench | calls | plans | profile | service) head -c 14000 "$logs/$section.log" ;;
     parity | meshes) grep -Ev ' triangles +[0-9]+ cases' "$logs/$section.log" | head -c 9000 ;;
     sanitize) sed -n '/=== in short/,$p' "$logs/$section.log" ;;
     *) tail -12 "$logs/$section.log" ;;
