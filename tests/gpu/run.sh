@@ -18,8 +18,8 @@
 # Without sections: all; parity, device, cli and server side by side, the others alone.
 #   -f FILTER  of cuda_parity (parity) and cuda_bench (bench, profile)
 #   LIMIT=N    environment: seconds a section may take, in place of its own limit
-# Logs go to LOG_DIR (default ./gpu-logs), one a section; figures of bench, calls and service to LOG_DIR/results as JSON.
-# The last lines are a summary. Exit 0 if all passed.
+# Logs go to LOG_DIR (default ./gpu-logs), one a section; figures of bench, calls and service to LOG_DIR/results as
+# JSON. The last lines are a summary. Exit 0 if all passed.
 set -uo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 logs="gpu-logs"
