@@ -42,11 +42,15 @@ PLANTS = {
             "    const int64_t i = n % count;\n"
             "    const uint32_t* v = mesh.triangles[ids[i]];\n"),)),
     ),
-    "shading": (  # 275 instructions for the normal of a fragment with its barycentric coordinates
-        Plant("core/cpu/fine_raster.cpp", ((
-            "        for (uint32_t left = varying; left != 0; left &= left - 1)\n",
-            f"        {nops(27)}\n"
-            "        for (uint32_t left = varying; left != 0; left &= left - 1)\n"),)),
+    "shading": (
+        Plant("core/cpu/shaded_targets.cpp", ((
+            "      shaders_[t]->Shade(batch_, shaded_);\n",
+            "      shaders_[t]->Shade(batch_, shaded_);\n"
+            "      static int batches = 0;\n"
+            "      if (++batches % 10 == 0) {\n"
+            "        if (traits_.needs_plane) state_.shade_kernels->place(batch_);\n"
+            "        shaders_[t]->Shade(batch_, shaded_);\n"
+            "      }\n"),)),
     ),
     "flatten": (  # 219 for a vertex with normal and texture coordinates
         Plant("core/mesh/flatten.cpp", ((
