@@ -31,6 +31,16 @@ struct Row {
   std::function<absl::StatusOr<uint64_t>()> run;  // out: what it made; 0 is a failure
 };
 
+// Large triangles, eight of them over each other: shading is most of the work.
+TriangleMesh Layers() {
+  TriangleMesh mesh = BumpySphere(300);
+  const auto once = mesh.triangles;
+  for (int i = 1; i < 8; ++i) mesh.triangles.insert(mesh.triangles.end(), once.begin(), once.end());
+  mesh.parts.at(0).triangle_count = mesh.triangles.size();
+  AddAttributes(mesh, {256, false});
+  return mesh;
+}
+
 // The meshes of all rows.
 struct Meshes {
   Meshes() {
@@ -41,7 +51,7 @@ struct Meshes {
     file = GlbBytes(loaded);
   }
   TriangleMesh fine = BumpySphere(20'000), coarse = BumpySphere(300), torus = BumpyTorus(3'000);
-  TriangleMesh textured = BumpySphere(5'000), masked = textured;
+  TriangleMesh textured = BumpySphere(5'000), masked = textured, layers = Layers();
   std::vector<uint8_t> file;
 };
 
@@ -98,6 +108,7 @@ class Rows {
     AddTarget("u8x4 replace base_color sparse", meshes_.textured, kSparse, kU8, 4, Blend::kReplace, "base_color");
     AddTarget("u8x4 average base_color sparse", meshes_.textured, kSparse, kU8, 4, Blend::kAverage, "base_color");
     AddTarget("u8x4 replace masked sparse", meshes_.masked, kSparse, kU8, 4, Blend::kReplace, "base_color");
+    AddTarget("u8x4 average base_color of layers", meshes_.layers, kSparse, kU8, 4, Blend::kAverage, "base_color");
     AddTarget("buckets of bits", meshes_.fine, kBuckets, kBit, 1, Blend::kOr, "occupancy");
     AddTarget("buckets of u8x4 base_color", meshes_.textured, kBuckets, kU8, 4, Blend::kReplace, "base_color");
   }
