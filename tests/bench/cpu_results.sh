@@ -15,8 +15,10 @@ about=(--machine "$(nproc) cores, $(sed -n 's/^model name.*: //p' /proc/cpuinfo 
 cmake --build "$build" --target voxelpipe whole_calls write_mesh
 "$build/bin/write_mesh" "$meshes/sphere1M.glb"
 "$build/bin/write_mesh" "$meshes/masked.glb" --masked
+"$build/bin/write_mesh" "$meshes/maze.glb" --maze
 bash "$here/../support/python.sh" "$here/compare_programs.py" "$build/bin/voxelpipe" \
-  --mesh sphere1M="$meshes/sphere1M.glb" --mesh masked="$meshes/masked.glb" --out "$results" "${about[@]}" "$@"
+  --mesh sphere1M="$meshes/sphere1M.glb" --mesh masked="$meshes/masked.glb" --mesh maze="$meshes/maze.glb" \
+  --out "$results" "${about[@]}" "$@"
 "$build/bin/whole_calls" --threads 2 | tee "$meshes/calls.log"
 bash "$here/../support/python.sh" "$here/import_results.py" "$meshes/calls.log" --out "$results" "${about[@]}" \
   --method "\`whole_calls --threads 2\`: medians of 7 calls after one, wall time."

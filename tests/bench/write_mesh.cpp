@@ -1,6 +1,7 @@
-// usage: write_mesh FILE.glb [TRIANGLES] [--masked] [--plain]
+// usage: write_mesh FILE.glb [TRIANGLES] [--masked] [--plain] [--maze]
 // Writes a bumpy sphere of about so many triangles (default 1,000,000) with normals, texture coordinates and a texture
-// of 1024x1024; masked: a quarter of the texture is transparent, with alpha mode MASK; plain: positions alone.
+// of 1024x1024; masked: a quarter of the texture is transparent, with alpha mode MASK; plain: positions alone; maze:
+// the walls of a maze of 80,000 triangles in place of the sphere.
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -14,12 +15,14 @@ int main(int argc, char** argv) {
   using namespace voxelpipe::bench;  // NOLINT(google-build-using-namespace): one function
   const char* path = nullptr;
   long triangles = 1'000'000;  // NOLINT(google-runtime-int): strtol's type
-  bool masked = false, plain = false;
+  bool masked = false, plain = false, maze = false;
   for (int i = 1; i < argc; ++i) {
     if (std::strcmp(argv[i], "--masked") == 0) {
       masked = true;
     } else if (std::strcmp(argv[i], "--plain") == 0) {
       plain = true;
+    } else if (std::strcmp(argv[i], "--maze") == 0) {
+      maze = true;
     } else if (path == nullptr) {
       path = argv[i];
     } else {
@@ -27,11 +30,11 @@ int main(int argc, char** argv) {
     }
   }
   if (path == nullptr || triangles < 100) {
-    std::fprintf(stderr, "usage: write_mesh FILE.glb [TRIANGLES, at least 100] [--masked] [--plain]\n");
+    std::fprintf(stderr, "usage: write_mesh FILE.glb [TRIANGLES, at least 100] [--masked] [--plain] [--maze]\n");
     return 2;
   }
-  voxelpipe::TriangleMesh mesh = BumpySphere(triangles);
-  if (!plain) AddAttributes(mesh, {1024, masked});
+  voxelpipe::TriangleMesh mesh = maze ? Maze(27) : BumpySphere(triangles);
+  if (!plain && !maze) AddAttributes(mesh, {1024, masked});
   const std::vector<uint8_t> bytes = GlbBytes(mesh);
   std::ofstream file(path, std::ios::binary);
   file.write(reinterpret_cast<const char*>(bytes.data()), std::streamsize(bytes.size()));
