@@ -284,7 +284,7 @@ class TileResolver {
   void PutCells(size_t t) {
     const CpuTarget& target = state_.targets[t];
     const int components = target.spec.components;
-    alignas(64) BatchCells cells;
+    BatchCells cells;
     state_.shade_kernels->to_cells(shaded_, batch_.count,
                                    {target.kept_format, target.u32_output, components, target.scale}, cells);
     uint8_t* const out = out_.arrays.targets[t].data();

@@ -59,6 +59,8 @@ class OwnedVoxels {
 
 // Scratch memory of one thread.
 struct Worker {
+  Worker(const Worker&) = delete;  // ShadedTargets refer to `buffers`
+  Worker& operator=(const Worker&) = delete;
   explicit Worker(const RunState& state) {
     for (const CpuTarget& target : state.targets) {
       buffers.emplace_back(target);

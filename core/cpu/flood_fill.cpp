@@ -84,13 +84,15 @@ absl::Status FloodInside(RunState& state, BitGrid& out, bool add) {
     out = *std::move(made);
   }
   const int64_t first_row = state.dims[1] * state.slab.begin;
-  return ParallelChunks(out.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
+  absl::Status s = ParallelChunks(out.rows(), 256, state.job, [&](int64_t begin, int64_t end) {
     for (int64_t r = begin; r < end; ++r) {
       const std::span<uint32_t> inside = out.row(r);
       const std::span<const uint32_t> enclosed = std::as_const(state.enclosed).row(first_row + r);
       for (size_t w = 0; w < inside.size(); ++w) inside[w] = add ? inside[w] | enclosed[w] : enclosed[w];
     }
   });
+  if (IsWholeGrid(state)) state.enclosed = BitGrid();  // no other slab needs it
+  return s;
 }
 
 }  // namespace voxelpipe::cpu

@@ -21,6 +21,13 @@ namespace {
 
 using namespace footprint;
 
+// True if the bits of a fill are set in the coverage.
+bool JoinsCoverage(const VoxelizeRequest& request) {
+  return request.result == ResultKind::kDense &&
+         std::all_of(request.targets.begin(), request.targets.end(),
+                     [](const TargetSpec& t) { return IsOccupancyBit(t) && t.clear == 0 && FillBit(t); });
+}
+
 // The number of bit grids of a slab besides the targets: coverage, inside bits of a fill, bits and presence of targets
 // that are not the coverage itself.
 int BitGrids(const VoxelizeRequest& request, const GridSpec& grid) {
@@ -29,10 +36,7 @@ int BitGrids(const VoxelizeRequest& request, const GridSpec& grid) {
   const TargetSpec& last = request.targets.back();
   const bool handed_over = dense && request.fill == Fill::kNone && IsOccupancyBit(last) && last.clear == 0 &&
                            grid.dims[0] % 32 == 0;  // rows of whole words: the coverage becomes the result
-  const bool joined = dense && std::all_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& t) {
-                        return IsOccupancyBit(t) && t.clear == 0 && FillBit(t);
-                      });  // a fill's bits are set in the coverage
-  int grids = (handed_over ? 0 : 1) + (request.fill == Fill::kNone || joined ? 0 : 1);
+  int grids = (handed_over ? 0 : 1) + (request.fill == Fill::kNone || JoinsCoverage(request) ? 0 : 1);
   for (const TargetSpec& target : request.targets) {
     const bool in_tiles = request.result == ResultKind::kSparse;  // tiles keep their bits
     if (target.format == VoxelFormat::kBit && !IsOccupancyBit(target) && !in_tiles) ++grids;
@@ -106,7 +110,8 @@ double ShadedBytes(const VoxelizeRequest& request, const MeshSize& mesh) {
   return double(mesh.vertices) * (sizeof(Vec3d) + sizeof(Vec3f));  // not known yet: positions and normals
 }
 
-// True if the coverage of a slab that is the whole grid is the shell of a flood, as in flood_fill.cpp.
+// True if the coverage of a slab that is the whole grid is the shell of a flood whatever the mesh's materials. Then it
+// is so in flood_fill.cpp too.
 bool CoverageIsShell(const VoxelizeRequest& request, bool plain_bits) {
   return request.coverage == Coverage::kConservative &&
          (plain_bits || std::any_of(request.targets.begin(), request.targets.end(), [](const TargetSpec& target) {
@@ -218,8 +223,14 @@ Footprint PredictFootprint(const VoxelizeRequest& request, const GridSpec& grid,
     list += held;
   }
   if (flood) {
-    // The shell, unless it is the coverage, and what it encloses, which in one slab is the inside or the result.
-    slab += (draws_shell ? one_slab ? 1 : 2 : 0) * Pooled(double(BitGrid::BytesFor(grid.dims)));
+    // The shell, unless it is the coverage, and what it encloses: in one slab the inside, or it replaces the coverage,
+    // from whose idle block the result is cut unless it is much smaller (page_pool.cpp).
+    const double whole = BitGridBytes(grid, grid.dims[2]);
+    slab += (draws_shell ? one_slab ? 1 : 2 : 0) * whole;
+    if (one_slab && JoinsCoverage(request)) {
+      const double result = DenseBytes(request, grid, grid.dims[2]);
+      slab += whole - result > result / 2 ? whole : std::max(0.0, whole - result);
+    }
     slab += double(EnclosedWorkBytes(grid.dims));
   }
   Sum peak;

@@ -215,8 +215,8 @@ void TileBuffer::BlendCells(const FragmentBatch& batch, const ShadedBatch& shade
                             bool untaken) {
   const auto update = [&](const auto& blend) {
     ForEachBlended(batch, shaded, untaken, [&](int i, uint32_t place, bool) {
-      for (uint32_t c = 0; c < kComponents; ++c) {
-        int32_t& cell = cells_[c * kTileVoxels + place];
+      for (int c = 0; c < kComponents; ++c) {
+        int32_t& cell = cells_[uint32_t(c) * kTileVoxels + place];
         const auto v = int32_t(cells[c][i]);
         cell = blend(cell, int32_t(cells[c][i] ^ (v < 0 ? flip_negative_ : flip_positive_)));
       }
@@ -231,7 +231,7 @@ void TileBuffer::BlendCells(const FragmentBatch& batch, const ShadedBatch& shade
     default:  // first
       return ForEachBlended(batch, shaded, untaken, [&](int i, uint32_t place, bool present) {
         if (!IsFirst(batch, i, place, present)) return;
-        for (uint32_t c = 0; c < kComponents; ++c) cells_[c * kTileVoxels + place] = int32_t(cells[c][i]);
+        for (int c = 0; c < kComponents; ++c) cells_[uint32_t(c) * kTileVoxels + place] = int32_t(cells[c][i]);
       });
   }
 }
@@ -239,7 +239,7 @@ void TileBuffer::BlendCells(const FragmentBatch& batch, const ShadedBatch& shade
 template <int kComponents>
 void TileBuffer::AddTerms(const FragmentBatch& batch, const ShadedBatch& shaded, const BatchTerms& terms) {
   const auto add = [&](int i, uint32_t place) {
-    for (uint32_t c = 0; c < kComponents; ++c) sums_[c * kTileVoxels + place] += terms[c][i];
+    for (int c = 0; c < kComponents; ++c) sums_[uint32_t(c) * kTileVoxels + place] += terms[c][i];
   };
   if (kept_ == Kept::kSums) {
     return ForEachBlended(batch, shaded, false, [&](int i, uint32_t place, bool) { add(i, place); });
@@ -271,7 +271,7 @@ void TileBuffer::BlendBatch(const ShadeKernels& kernels, const FragmentBatch& ba
         bits = kept ? bits | mask : bits & ~mask;
       });
     case Kept::kCells: {
-      alignas(64) BatchCells cells;
+      BatchCells cells;
       kernels.to_cells(shaded, batch.count, Rules(), cells);
       switch (spec_.components) {
         case 1: return BlendCells<1>(batch, shaded, cells, untaken);
@@ -284,7 +284,7 @@ void TileBuffer::BlendBatch(const ShadeKernels& kernels, const FragmentBatch& ba
       return ForEachBlended(batch, shaded, untaken, [&](int, uint32_t place, bool) { ++counts_[place]; });
     case Kept::kSums:
     case Kept::kAverages: {
-      alignas(64) BatchTerms terms;
+      BatchTerms terms;
       kernels.to_terms(shaded, batch.count, Rules(), terms);
       switch (spec_.components) {
         case 1: return AddTerms<1>(batch, shaded, terms);

@@ -33,7 +33,8 @@ class TileBuffer {
   // Blends one fragment into each voxel of a span. Fragments of a voxel arrive by ascending triangle id; where parts
   // are filled by ascending rank of their part, and then `first` looks at the triangle's id. `rank`: PartView::rank.
   void Blend(TileSpan span, const BlendValue& value, uint32_t triangle, uint32_t rank = 0);
-  // Blends a value into the voxels of a row that are in `mask` and have no fragment yet; for `replace` and `first`.
+  // Blends a value into the voxels of a row that are in `mask` and have no fragment yet; for `replace` and `first`. The
+  // values of the row's other voxels stay undefined until they have a fragment.
   void BlendUntaken(int row, uint32_t mask, const BlendValue& value, uint32_t rank);
   // Blends the fragments of a batch in its order, those that are not discarded. `untaken`: as BlendUntaken.
   void BlendBatch(const ShadeKernels& kernels, const FragmentBatch& batch, const ShadedBatch& shaded, bool untaken);
@@ -90,7 +91,7 @@ class TileBuffer {
   std::vector<int32_t> cells_;    // kCells: for min and max in an encoding that orders as signed integers
   std::vector<int64_t> sums_;     // kSums, kAverages
   std::vector<uint32_t> counts_;  // kCounts, kAverages: one a voxel
-  std::vector<uint16_t> ranks_;   // of_owner: of each voxel the rank of its last fragment
+  std::vector<uint16_t> ranks_;   // of_owner: of each voxel the rank of the fragment that it holds
   std::vector<uint32_t> ids_;     // `first` where triangles do not come by id: of each voxel the first one so far
 };
 

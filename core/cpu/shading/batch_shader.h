@@ -12,8 +12,8 @@ namespace voxelpipe::cpu {
 class BatchShader {
  public:
   virtual ~BatchShader() = default;
-  // In: a complete batch; its barycentrics are set if the shader's traits ask for them, `degenerate` if they ask for the
-  // plane. Out: the values of its fragments.
+  // In: a complete batch; its barycentrics are set if the shader's traits ask for them, `degenerate` if they ask for
+  // the plane. Out: the values of its fragments.
   virtual void Shade(const FragmentBatch& batch, ShadedBatch& out) const = 0;
 };
 

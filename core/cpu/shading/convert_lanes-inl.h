@@ -1,6 +1,6 @@
-// Shader outputs to what targets keep, on vectors: ToCell and ToTerm of shaders/blend_ops.h, operation by operation, for
-// f32 outputs; the formats that are not here go one by one. Included once for each instruction set; no include guard
-// but Highway's.
+// Shader outputs to what targets keep, on vectors: ToCell and ToTerm of shaders/blend_ops.h, operation by operation,
+// for f32 outputs. Other formats are converted one by one. Included once for each instruction set; no include guard but
+// Highway's.
 #if defined(VOXELPIPE_CONVERT_LANES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef VOXELPIPE_CONVERT_LANES_INL_H_
 #undef VOXELPIPE_CONVERT_LANES_INL_H_

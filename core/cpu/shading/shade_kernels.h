@@ -21,8 +21,15 @@ struct ConversionRules {
   double quantum = 1;  // of sums
 };
 
-using BatchCells = uint32_t[4][kBatchFragments];
-using BatchTerms = int64_t[4][kBatchFragments];
+// Of each component the numbers of all fragments, aligned for vectors.
+template <typename Number>
+struct alignas(64) BatchOf {
+  Number numbers[4][kBatchFragments];
+  Number* operator[](int component) { return numbers[component]; }
+  const Number* operator[](int component) const { return numbers[component]; }
+};
+using BatchCells = BatchOf<uint32_t>;
+using BatchTerms = BatchOf<int64_t>;
 
 struct ShadeKernels {
   // Sets `degenerate` of the batch's triangles and `barycentric` of its fragments: SetUpPlane and Barycentrics. In: a

@@ -42,7 +42,8 @@ bool ShadeBatch(FragmentShaderId shader, const FragmentBatch& batch, const Shade
     case FragmentShaderId::kMetallicRoughness: {
       const bool emissive = shader == FragmentShaderId::kEmissive;
       const TextureRefView& own = emissive ? material.emissive : material.metallic_roughness;
-      if (!MaterialSampler::Fits(batch, own) || !MaterialSampler::Fits(batch, material.base_color)) return false;
+      if (!MaterialSampler::Fits(batch, own)) return false;
+      if (material.alpha_mask && !MaterialSampler::Fits(batch, material.base_color)) return false;
       (emissive ? ShadeEmissive : ShadeMetallicRoughness)(batch, material, out);
       return true;
     }

@@ -84,7 +84,9 @@ Cache& CacheOf(int ordinal) {
   return (*caches)[ordinal];
 }
 
-uint64_t MostBytes(int ordinal) {
+}  // namespace
+
+uint64_t MeshCacheBytes(int ordinal) {
   const uint64_t most = most_bytes.load();
   if (most != kQuarter) return most;
   static std::mutex mutex;
@@ -98,8 +100,6 @@ uint64_t MostBytes(int ordinal) {
   }
   return quarter;
 }
-
-}  // namespace
 
 absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const std::string& key, uint64_t bytes,
                                                               cudaStream_t stream,
@@ -118,7 +118,7 @@ absl::StatusOr<std::shared_ptr<const CachedArray>> CachedMade(int ordinal, const
   VOXELPIPE_OK_OR_RETURN(make(made->array_.data()));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventCreateWithFlags(&made->ready_, cudaEventDisableTiming));
   VOXELPIPE_CUDA_OR_RETURN(cudaEventRecord(made->ready_, stream));
-  const uint64_t most = MostBytes(ordinal);
+  const uint64_t most = MeshCacheBytes(ordinal);
   if (bytes <= most) cache.Keep(key, made, most, keeping);
   return std::shared_ptr<const CachedArray>(std::move(made));
 }

@@ -62,6 +62,9 @@ absl::StatusOr<std::shared_ptr<const CachedArray>> CachedUpload(int ordinal, con
 // Maximum bytes cached per device; 0 disables the cache. Default: a quarter of the device's memory.
 void SetMeshCacheBytes(uint64_t bytes);
 
+// That maximum.
+uint64_t MeshCacheBytes(int ordinal);
+
 // Drops arrays that no run holds. Returns the bytes freed.
 uint64_t DropCachedMeshes(int ordinal);
 

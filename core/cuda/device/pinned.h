@@ -44,9 +44,9 @@ class PinnedBuffer {
 absl::Status StagedCopy(void* to, const void* from, uint64_t bytes, cudaStream_t stream,
                         std::vector<PinnedBuffer>& staged);
 
-// Copies from the device in `stream` order to pageable memory, through pinned memory if it is much: threads of the
-// calling thread's arena, which touch fresh pages, empty it while the device goes on. `to` is in use until the stream's
-// work is done, even after an error.
+// Copies from the device in `stream` order to pageable memory, through pieces of pinned memory if it is much: threads
+// of the calling thread's arena, which touch fresh pages, empty them while the device goes on, and the call waits for
+// the last one. `to` is in use until the stream's work is done, even after an error.
 absl::Status ReadBack(void* to, const void* from, uint64_t bytes, cudaStream_t stream);
 
 // The pool of results: a pinned block of at least `bytes`, or nullptr. Thread-safe.

@@ -49,18 +49,27 @@ absl::Status UploadIf(RunState& state, bool wanted, bool kept, const char* part,
 // Device addresses of host arrays: several textures may have one image.
 using Uploaded = std::unordered_map<const void*, const void*>;
 
-// Uploads texels, once, or finds them cached with the mesh, and sets `texels` to their device address.
+// Uploads texels, once, or finds them cached with the mesh (`kept`), and sets `texels` to their device address.
 template <typename T>
-absl::Status UploadTexels(RunState& state, const std::string& part, uint64_t count, Uploaded& uploaded,
+absl::Status UploadTexels(RunState& state, bool kept, const std::string& part, uint64_t count, Uploaded& uploaded,
                           DeviceArray<T>& to, const T*& texels) {
   const auto [known, fresh] = uploaded.try_emplace(texels, nullptr);
   if (fresh) {
     const T* there = nullptr;
-    VOXELPIPE_OK_OR_RETURN(UploadIf(state, true, true, part.c_str(), texels, count, to, there));
+    VOXELPIPE_OK_OR_RETURN(UploadIf(state, true, kept, part.c_str(), texels, count, to, there));
     known->second = there;
   }
   texels = static_cast<const T*>(known->second);
   return absl::OkStatus();
+}
+
+uint64_t TexelBytes(const std::vector<TextureView>& textures) {
+  uint64_t bytes = 0;
+  for (const TextureView& t : textures) {
+    if (t.rgba != nullptr) bytes += uint64_t{t.width} * t.height * 4;
+    if (t.mips != nullptr) bytes += LevelOffset(t.width, t.height, t.levels) * sizeof(Vec4f);
+  }
+  return bytes;
 }
 
 absl::Status UploadTextures(RunState& state) {
@@ -70,15 +79,17 @@ absl::Status UploadTextures(RunState& state) {
   mesh.images.resize(textures.size());
   mesh.mips.resize(textures.size());
   Uploaded uploaded;
+  // More would evict the mesh itself and all others.
+  const bool kept = TexelBytes(textures) <= MeshCacheBytes(state.device.ordinal) / 2;
   for (size_t i = 0; i < textures.size(); ++i) {
     TextureView& t = textures[i];
     if (t.rgba == nullptr) continue;
     // A texture is listed twice, as linear values and as sRGB colours, with one image.
     const int32_t image = host.mesh.textures[i / 2].image;
-    VOXELPIPE_OK_OR_RETURN(UploadTexels(state, absl::StrCat("image", image), uint64_t{t.width} * t.height * 4, uploaded,
-                                        mesh.images[i], t.rgba));
+    VOXELPIPE_OK_OR_RETURN(UploadTexels(state, kept, absl::StrCat("image", image), uint64_t{t.width} * t.height * 4,
+                                        uploaded, mesh.images[i], t.rgba));
     if (t.mips == nullptr) continue;
-    VOXELPIPE_OK_OR_RETURN(UploadTexels(state, absl::StrCat(t.srgb ? "srgb_mips" : "linear_mips", image),
+    VOXELPIPE_OK_OR_RETURN(UploadTexels(state, kept, absl::StrCat(t.srgb ? "srgb_mips" : "linear_mips", image),
                                         LevelOffset(t.width, t.height, t.levels), uploaded, mesh.mips[i], t.mips));
   }
   VOXELPIPE_OK_OR_RETURN(mesh.textures.Upload(textures, state.stream));

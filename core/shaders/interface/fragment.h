@@ -37,8 +37,8 @@ struct FragmentShaderTraits {
   static constexpr bool kIsFraction = false;  // gives fractions: integers without a scale keep whole numbers
   // Textures of the material that it samples.
   static constexpr bool kReadsBaseColor = false, kReadsEmissive = false, kReadsMetallicRoughness = false;
-  // True if all fragments of a triangle have the same output, whatever their `voxel` and `barycentric`; the same for all
-  // triangles of a part.
+  // True if all fragments of a triangle have the same output, whatever their `voxel` and `barycentric`. Depends on the
+  // mesh and its part alone, not on the triangle.
   VOXELPIPE_HD static bool SameForTriangle(const FragmentInput&) { return false; }
 };
 

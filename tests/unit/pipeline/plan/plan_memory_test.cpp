@@ -252,6 +252,30 @@ TEST_P(PlanMemoryOfLargeGrids, IsWhatTheyTakeAndNoLess) {
 INSTANTIATE_TEST_SUITE_P(Kinds, PlanMemoryOfLargeGrids, ::testing::ValuesIn(LargeCases()),
                          [](const auto& test) { return test.param.name; });
 
+// Rows of a grid have whole words of 32 voxels while it is flooded, those of its result have not.
+TEST(PlanMemoryOfNarrowGrids, FloodsOfFewVoxelsARowAreWhatTheyTake) {
+  if (testing::kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
+  const int64_t dims[3] = {33, 2500, 2500};
+  TriangleMesh mesh = testing::Cube(0.98);
+  for (Vec3d& p : mesh.positions) {
+    for (int a = 0; a < 3; ++a) p[a] = (p[a] + 0.01) * double(dims[a]);
+  }
+  for (const Coverage coverage : {Coverage::kConservative, Coverage::kThin}) {
+    VoxelizeRequest request;
+    request.grid.dims = {dims[0], dims[1], dims[2]};
+    request.grid.origin = Vec3d{};
+    request.grid.voxel_size = Vec3d{1, 1, 1};
+    request.fill = Fill::kFlood;
+    request.coverage = coverage;
+    Peak peak;
+    ASSERT_NO_FATAL_FAILURE(RunForPeak(mesh, request, PlanLimits(), false, peak));
+    if (!peak.known) GTEST_SKIP() << "the peak of this process cannot be reset here";
+    constexpr uint64_t kFew = 4 << 20;  // bytes that threads and allocators keep
+    EXPECT_LE(peak.measured, peak.predicted + kFew) << Name(coverage);
+    EXPECT_LE(double(peak.predicted), 1.4 * double(peak.measured + 2 * kFew)) << Name(coverage);
+  }
+}
+
 // What is refused costs little: looking at a grid takes memory by its mesh, not by its voxels.
 TEST(PlanMemoryOfRefusals, GridsOfAnySizeAreLookedAtInLittleMemory) {
   if (testing::kSanitized) GTEST_SKIP() << "resident memory is a sanitizer's here";
