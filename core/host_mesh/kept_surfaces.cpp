@@ -6,6 +6,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "mesh/content_id.h"
 #include "pipeline/plan/footprint_parts.h"
 
 namespace voxelpipe {
@@ -16,6 +17,10 @@ constexpr size_t kMaxKept = 64;  // of a few KiB each
 struct Kept {
   std::mutex mutex;
   std::deque<std::pair<std::string, Surface>> surfaces;  // the oldest first
+
+  auto Find(const std::string& key) {
+    return std::find_if(surfaces.begin(), surfaces.end(), [&](const auto& entry) { return entry.first == key; });
+  }
 };
 
 Kept& Surfaces() {
@@ -35,7 +40,9 @@ std::string SurfaceKey(const HostMesh& mesh, const GridSpec& grid, bool closely)
   const MeshView& view = mesh.view;
   const VoxelizeRequest& request = mesh.request.request;
   const bool own_arrays = view.positions != mesh.mesh.positions.data() || !mesh.ordered_triangles.empty();
-  if (mesh.mesh.content_id.empty() || own_arrays) return {};
+  const std::string& id = mesh.mesh.content_id;
+  // A moved mesh is not measured again: each motion makes a new id.
+  if (id.empty() || id.find(kMovedMark) != std::string::npos || own_arrays) return {};
   std::string key;
   Append(closely, key);
   Append(request.coverage, key);
@@ -44,17 +51,17 @@ std::string SurfaceKey(const HostMesh& mesh, const GridSpec& grid, bool closely)
   Append(FillsParts(request), key);
   Append(request.grid.given(), key);
   Append(footprint::ValueBytes(request), key);
+  Append(footprint::PlainBits(request), key);
   Append(grid.dims, key);
   for (const Vec3d& v : {grid.origin, grid.voxel_size, grid.wall, grid.wall_end}) Append(v, key);
-  return key + mesh.mesh.content_id;
+  return key + id;
 }
 
 std::optional<Surface> FindSurface(const std::string& key) {
   if (key.empty()) return std::nullopt;
   Kept& kept = Surfaces();
   const std::lock_guard lock(kept.mutex);
-  const auto found =
-      std::find_if(kept.surfaces.begin(), kept.surfaces.end(), [&](const auto& entry) { return entry.first == key; });
+  const auto found = kept.Find(key);
   return found == kept.surfaces.end() ? std::nullopt : std::optional(found->second);
 }
 
@@ -62,6 +69,7 @@ void KeepSurface(const std::string& key, const Surface& surface) {
   if (key.empty()) return;
   Kept& kept = Surfaces();
   const std::lock_guard lock(kept.mutex);
+  if (kept.Find(key) != kept.surfaces.end()) return;  // of two runs at once, the other was first
   if (kept.surfaces.size() >= kMaxKept) kept.surfaces.pop_front();
   kept.surfaces.emplace_back(key, surface);
 }

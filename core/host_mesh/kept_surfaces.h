@@ -10,8 +10,8 @@
 
 namespace voxelpipe {
 
-// All that a measurement follows from. Empty where nothing identifies the mesh (TriangleMesh::content_id), or the run
-// has its own vertices or order of triangles.
+// All that a measurement follows from. Empty where nothing identifies the mesh (TriangleMesh::content_id), it has moved
+// (mesh/content_id.h), or the run has its own vertices or order of triangles.
 std::string SurfaceKey(const HostMesh& mesh, const GridSpec& grid, bool closely);
 
 // What was measured last, of a small number of keys; nothing for an empty key. Thread-safe.

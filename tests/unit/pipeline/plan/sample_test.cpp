@@ -9,6 +9,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "gtest/gtest.h"
+#include "mesh/content_id.h"
 #include "pipeline/plan/surface.h"
 #include "pipeline/stages/backend.h"
 #include "pipeline/stages/bind.h"
@@ -22,6 +23,7 @@ namespace {
 using testing::FloatTarget;
 using testing::MakeMesh;
 using testing::RunPipeline;
+using testing::TargetOf;
 using testing::UnitGrid;
 
 Surface Measure(const TriangleMesh& mesh, const VoxelizeRequest& request, bool closely) {
@@ -196,8 +198,29 @@ TEST(KeptSurfacesTest, AMeshThatIsKeptIsMeasuredOnceAGrid) {
   EXPECT_EQ(Measure(small, request, true).fragments, of_small);
   request.vertex_shader = {"identity", {}};
   EXPECT_EQ(Measure(small, request, true).fragments, of_large);
+  small.content_id = large.content_id = NewMovedId(large.content_id);
+  EXPECT_EQ(Measure(large, request, true).fragments, of_large);
+  EXPECT_EQ(Measure(small, request, true).fragments, of_small);
   small.content_id.clear();
   EXPECT_EQ(Measure(small, request, true).fragments, of_small);
+}
+
+// Bits of occupancy need no tiles, and their layers are not measured; others of as many bytes do.
+TEST(KeptSurfacesTest, BitsOfShadersAreMeasuredOfTheirOwn) {
+  TriangleMesh mesh = testing::Torus(20);
+  for (Vec3d& p : mesh.positions) p = (p + Vec3d{2, 2, 2}) * 15.0;
+  VoxelizeRequest request;
+  request.grid = UnitGrid(64, 64, 64);
+  TargetSpec target = TargetOf(VoxelFormat::kBit, 1, Blend::kOr, {"base_color", {}});
+  request.targets = {target};
+  const double layers = Measure(mesh, request, false).layers;
+  target.shader = {"occupancy", {}};
+  mesh.content_id = "its bits are kept by this test";
+  request.targets = {target};
+  ASSERT_NE(Measure(mesh, request, false).layers, layers);
+  target.shader = {"base_color", {}};
+  request.targets = {target};
+  EXPECT_EQ(Measure(mesh, request, false).layers, layers);
 }
 
 }  // namespace
