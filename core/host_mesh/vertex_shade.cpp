@@ -95,16 +95,30 @@ Bounds BoundsOf(const Vec3d* positions, uint64_t begin, uint64_t end) {
   auto sum0 = hn::Zero(d), sum1 = sum0, sum2 = sum0;  // finite while all are
   const auto add = [&](const double* at) {
     const auto v0 = hn::LoadU(d, at), v1 = hn::LoadU(d, at + 2), v2 = hn::LoadU(d, at + 4);
-    min0 = hn::Min(min0, v0), min1 = hn::Min(min1, v1), min2 = hn::Min(min2, v2);
-    max0 = hn::Max(max0, v0), max1 = hn::Max(max1, v1), max2 = hn::Max(max2, v2);
-    sum0 = hn::Add(sum0, v0), sum1 = hn::Add(sum1, v1), sum2 = hn::Add(sum2, v2);
+    min0 = hn::Min(min0, v0);
+    min1 = hn::Min(min1, v1);
+    min2 = hn::Min(min2, v2);
+    max0 = hn::Max(max0, v0);
+    max1 = hn::Max(max1, v1);
+    max2 = hn::Max(max2, v2);
+    sum0 = hn::Add(sum0, v0);
+    sum1 = hn::Add(sum1, v1);
+    sum2 = hn::Add(sum2, v2);
   };
   uint64_t left = end - begin;
-  for (; left >= 4; left -= 4, p += 2 * kPair) add(p), add(p + kPair);
+  for (; left >= 4; left -= 4) {
+    add(p);
+    add(p + kPair);
+    p += 2 * kPair;
+  }
   for (; left > 0; --left) add(twice(positions[end - left]));
   double least[kPair], most[kPair], sums[kLanes];
-  hn::StoreU(min0, d, least), hn::StoreU(min1, d, least + 2), hn::StoreU(min2, d, least + 4);
-  hn::StoreU(max0, d, most), hn::StoreU(max1, d, most + 2), hn::StoreU(max2, d, most + 4);
+  hn::StoreU(min0, d, least);
+  hn::StoreU(min1, d, least + 2);
+  hn::StoreU(min2, d, least + 4);
+  hn::StoreU(max0, d, most);
+  hn::StoreU(max1, d, most + 2);
+  hn::StoreU(max2, d, most + 4);
   hn::StoreU(hn::Add(sum0, hn::Add(sum1, sum2)), d, sums);
   Bounds out{{{}, {}, false}, std::isfinite(sums[0]) && std::isfinite(sums[1])};
   for (int a = 0; a < 3; ++a) {
