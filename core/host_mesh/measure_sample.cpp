@@ -1,14 +1,15 @@
 // Sources: A. Chao and C.-W. Lin, "Nonparametric Lower Bounds for Species Richness and Shared Species Richness under
 // Sampling without Replacement", Biometrics 68, 2012: how many voxels a mesh covers, from how often the triangles of a
 // sample cover the same one. P. Flajolet, "On Adaptive Sampling", Computing 43, 1990: counting in a table of fixed
-// size. The bound is low where triangles are spread unevenly; the area of a surface that does not coincide with itself
-// says more, within limits (kMostUneven).
+// size. The bound is low where triangles are spread unevenly. Weighted by the triangles' areas it is not, unless the
+// surface coincides with itself; the area is a bound from above.
 #include "host_mesh/measure_sample.h"
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
 #include <cmath>
 #include <utility>
@@ -31,10 +32,14 @@ constexpr uint64_t kPilot = 256;       // triangles that say how large most are
 // Triangles whose boxes have more voxels than so many times the average are measured all, so that a sample misses
 // nothing that matters; so are those of averages exact enough.
 constexpr double kLarger = 32, kMinLarge = 64, kMaxSmall = 4096;
-constexpr uint64_t kMaxLargeShare = 8;            // of the mesh; beyond, it is measured closely
-constexpr double kMaxMarks = 1 << 22;             // cells of large triangles, likewise
-constexpr double kMaxCounted = 1 << 16;           // voxels of the sample that are counted; of more, a part
-constexpr double kMostUneven = 1.5;               // what there is, of the bound
+constexpr uint64_t kMaxLargeShare = 8;   // of the mesh; beyond, it is measured closely ...
+constexpr uint64_t kMaxLarge = 1 << 18;  // ... as with more than so many, ...
+constexpr double kMaxMarks = 1 << 22;    // ... of more cells, ...
+constexpr double kMaxLayers = 2;         // ... or of so many on each other in their cells
+constexpr double kMaxCounted = 1 << 16;  // voxels of the sample that are counted; of more, a part
+// Of the low estimate: what is taken at most, and where the high one must be. Beyond it the surface may coincide with
+// itself everywhere or in parts, and a sample does not tell the two apart.
+constexpr double kUneven = 1.5, kMostUneven = 2;
 constexpr double kOfArea = 1.12, kFewBoxes = 64;  // boxes that a surface touches (plan/surface.cpp)
 
 uint64_t HashOf(uint64_t key) {  // the finalizer of MurmurHash3 (A. Appleby, 2011)
@@ -43,38 +48,66 @@ uint64_t HashOf(uint64_t key) {  // the finalizer of MurmurHash3 (A. Appleby, 20
   return key ^ key >> 33;
 }
 
+// A place that a triangle touches, and the part of its area that lies there if it lies evenly in all such places.
+struct Sighting {
+  uint64_t place = 0;
+  double area = 0;
+};
+
 // How often each place was seen, in a table of fixed size: of many places, those whose hashes end in zeros.
 class Sightings {
  public:
   // `skipped`: bits of the hashes that are zero of all places that will be added; one less than a power of two.
   explicit Sightings(uint64_t skipped) : slots_(kSlots), skipped_(skipped) {}
 
-  void Add(uint64_t place) {
-    const uint64_t hash = HashOf(place);
+  void Add(const Sighting& seen) {
+    const uint64_t hash = HashOf(seen.place);
     if ((hash & skipped_) != 0) return;
-    Slot& slot = Find(slots_, place, hash);
+    Slot& slot = Find(slots_, seen.place, hash);
+    slot.area += seen.area;
     if (slot.times++ != 0) return;
-    slot.place = place;
+    slot.place = seen.place;
     if (++kept_ > kSlots / 4 * 3) Halve();
   }
 
-  // How many places there are, seen or not: low estimates of it. In: the share of all triangles that were sampled.
+  // How many places there are, seen or not.
   struct Places {
-    double least = 0;
-    double most = 0;  // of it, if by chance too many places were seen twice
+    double least = 0, most = 0;  // a low estimate, two standard errors apart
+    double bound = 0;            // a high one
   };
-  Places AtLeast(double sampled) const {
-    double once = 0, twice = 0;
+  // In: the share of all triangles that were sampled; how many places a surface of all their area touches; how many
+  // they touch one by one.
+  Places Estimate(double sampled, double of_area, double of_each) const {
+    double once = 0, twice = 0, area = 0, area_once = 0, others = 0, squares = 0;
     for (const Slot& slot : slots_) {
+      if (slot.times == 0) continue;
       once += slot.times == 1 ? 1 : 0;
       twice += slot.times == 2 ? 1 : 0;
+      area += slot.area;
+      area_once += slot.times == 1 ? slot.area : 0;
+      const double here = slot.area * double(slot.times - 1);
+      others += here;
+      squares += here * here;
     }
+    const double weight = double(skipped_ + 1), seen = weight * double(kept_);
     const double odds = sampled / std::max(1e-9, 1 - sampled);
     const auto all = [&](double times) {
-      return double(skipped_ + 1) * (double(kept_) + once * std::max(0.0, once - 1) / (2 * times + odds * once));
+      return seen + weight * once * std::max(0.0, once - 1) / (2 * times + odds * once);
     };
     constexpr double kLeast = 0.1;
-    return {all(twice + 1), all(std::max(kLeast, twice - std::sqrt(twice)))};
+    Places out;
+    out.least = all(twice + 1);
+    out.most = all(std::max(kLeast, twice - std::sqrt(twice)));
+    out.bound = std::min(of_area, of_each);
+    if (!(area > 0)) return out;
+    // How many triangles touch a place, on average over the area: of a surface that does not coincide with itself that
+    // is the average over its places, wherever its triangles are small.
+    const auto by_area = [&](double sum) { return of_each / (1 + std::max(0.0, sum) / (sampled * area)); };
+    out.least = std::max(out.least, by_area(others + std::sqrt(squares)));
+    out.most = std::max(out.most, by_area(others - std::sqrt(squares)));
+    // The part of the area that lies in places that were not seen is about that in places that were seen once.
+    out.bound = std::min(out.bound, seen + area_once / area * of_area);
+    return out;
   }
 
   template <typename Visit>
@@ -88,6 +121,7 @@ class Sightings {
   struct Slot {
     uint64_t place = 0;
     uint32_t times = 0;
+    double area = 0;  // of what was seen in it
   };
   static constexpr size_t kSlots = 1 << 14;
 
@@ -126,8 +160,8 @@ struct Sums {
   double fragments = 0, squares = 0, rows = 0, pairs = 0, crossings = 0, layers = 0;
   double area = 0, main = 0;  // along all axes, and along each triangle's dominant one
   std::vector<double> shares;
-  double box_cells = 0;
-  std::vector<uint64_t> voxels, shell, cells;  // that were seen, as often as they were
+  double box_cells = 0, shell_fragments = 0;  // of large triangles; the latter under conservative coverage
+  std::vector<Sighting> voxels, shell, cells;
 
   void Add(Sums&& other) {
     fragments += other.fragments;
@@ -139,6 +173,7 @@ struct Sums {
     area += other.area;
     main += other.main;
     box_cells += other.box_cells;
+    shell_fragments += other.shell_fragments;
     for (size_t i = 0; i < shares.size(); ++i) shares[i] += other.shares[i];
     for (auto list : {&Sums::voxels, &Sums::shell, &Sums::cells}) {
       (this->*list).insert((this->*list).end(), (other.*list).begin(), (other.*list).end());
@@ -159,20 +194,25 @@ class Sampler {
   }
 
   absl::StatusOr<std::optional<Surface>> Run() {
-    const Picked picked = Pick();
-    if (absl::Status s = job_.Check(); !s.ok()) return s;
-    if (picked.sample.size() < kFewSampled || picked.large.size() > mesh_.triangle_count / kMaxLargeShare) {
-      return std::nullopt;
+    for (int i = 0; i < 3; ++i) {
+      if (!std::isfinite(per_unit_[i])) return std::nullopt;  // of voxels almost as small as numbers can be
     }
+    const std::optional<Picked> all_picked = Pick();
+    if (absl::Status s = job_.Check(); !s.ok()) return s;
+    if (!all_picked || all_picked->sample.size() < kFewSampled) return std::nullopt;
+    const Picked& picked = *all_picked;
     const Sums large = Sum(picked.large, [this](const Triangle& t, Sums& sums) { AddLarge(t, sums); });
     if (large.box_cells > kMaxMarks) return std::nullopt;
     if (covers_) Mark(picked.large);
+    if (large.fragments > kMaxLayers * double(cells_.edge() * cells_.edge()) * CountMarked() + kFewBoxes) {
+      return std::nullopt;
+    }
     // Of all the sample's voxels those whose hashes end in zeros, so that they are not too many.
     const double all = double(picked.sample.size()) * AverageOf(picked.sample);
     while (all > kMaxCounted * double(skipped_ + 1)) skipped_ = 2 * skipped_ + 1;
     const Sums small = Sum(picked.sample, [this](const Triangle& t, Sums& sums) { AddSmall(t, sums); });
     if (absl::Status s = job_.Check(); !s.ok()) return s;
-    Surface out = Join(picked, large, small);
+    std::optional<Surface> out = Join(picked, large, small);
     if (absl::Status s = job_.Check(); !s.ok()) return s;
     return out;
   }
@@ -191,7 +231,8 @@ class Sampler {
     return voxels;
   }
 
-  Picked Pick() const {
+  // Absent if too many are large.
+  std::optional<Picked> Pick() const {
     const uint64_t count = mesh_.triangle_count;
     Vec3d lo, hi;
     double most = 0;
@@ -204,32 +245,37 @@ class Sampler {
       begin[a] = grid_.origin[a] - grid_.voxel_size[a];
       end[a] = grid_.origin[a] + double(grid_.dims[size_t(a)] + 1) * grid_.voxel_size[a];
     }
-    return tbb::parallel_deterministic_reduce(
-        tbb::blocked_range<uint64_t>(0, count, kGrain), Picked(),
-        [&](const tbb::blocked_range<uint64_t>& range, Picked part) {
-          if (!job_.Check().ok()) return part;
-          Vec3d low, high;
-          for (uint64_t t = range.begin(); t < range.end(); ++t) {
-            const double voxels = VoxelsOfBox(t, low, high);
-            if (given && (low.x > end.x || low.y > end.y || low.z > end.z || high.x < begin.x || high.y < begin.y ||
-                          high.z < begin.z)) {
-              continue;
-            }
-            if (voxels > most) {
-              part.large.push_back(t);
-              continue;
-            }
-            ++part.small;
-            if ((HashOf(t) >> 32) < limit) part.sample.push_back(t);
+    const uint64_t most_large = std::min(kMaxLarge, count / kMaxLargeShare);
+    std::atomic<uint64_t> large{0};
+    std::vector<Picked> parts(size_t((count + kGrain - 1) / kGrain));
+    ParallelChunks(int64_t(parts.size()), 1, job_, [&](int64_t first, int64_t last) {
+      for (int64_t i = first; i < last && large.load(std::memory_order_relaxed) <= most_large; ++i) {
+        Picked& part = parts[size_t(i)];
+        Vec3d low, high;
+        for (uint64_t t = uint64_t(i) * kGrain; t < std::min(count, uint64_t(i + 1) * kGrain); ++t) {
+          const double voxels = VoxelsOfBox(t, low, high);
+          if (given && (low.x > end.x || low.y > end.y || low.z > end.z || high.x < begin.x || high.y < begin.y ||
+                        high.z < begin.z)) {
+            continue;
           }
-          return part;
-        },
-        [](Picked a, const Picked& b) {
-          a.large.insert(a.large.end(), b.large.begin(), b.large.end());
-          a.sample.insert(a.sample.end(), b.sample.begin(), b.sample.end());
-          a.small += b.small;
-          return a;
-        });
+          if (!(voxels <= most)) {
+            part.large.push_back(t);
+            continue;
+          }
+          ++part.small;
+          if ((HashOf(t) >> 32) < limit) part.sample.push_back(t);
+        }
+        large += part.large.size();
+      }
+    }).IgnoreError();  // the caller checks the job
+    if (large > most_large) return std::nullopt;
+    Picked all;
+    for (const Picked& part : parts) {
+      all.large.insert(all.large.end(), part.large.begin(), part.large.end());
+      all.sample.insert(all.sample.end(), part.sample.begin(), part.sample.end());
+      all.small += part.small;
+    }
+    return all;
   }
 
   template <typename AddTriangle>
@@ -278,16 +324,18 @@ class Sampler {
     const double kept = conservative_ || !(areas > 0) ? 1 : std::max({area.x, area.y, area.z}) / areas;
     AddFragments(touch, kept * touch.fragments, touch.rows, sums);
     sums.box_cells += Count(cells_.CellsOf(touch.box));
+    sums.shell_fragments += touch.fragments;
   }
 
   void AddSmall(const Triangle& t, Sums& sums) const {
     Touch touch;
     if (!AddTouch(t, touch, sums) || !covers_) return;
     double fragments = 0, rows = 0;
-    const auto see = [&](std::vector<uint64_t>& seen, int64_t y, int64_t z, int64_t begin, int64_t end) {
+    const size_t first_voxel = sums.voxels.size(), first_shell = sums.shell.size(), first_cell = sums.cells.size();
+    const auto see = [&](std::vector<Sighting>& seen, int64_t y, int64_t z, int64_t begin, int64_t end) {
       const uint64_t row = uint64_t(grid_.dims[0]) * (uint64_t(y) + uint64_t(grid_.dims[1]) * uint64_t(z));
       for (uint64_t voxel = row + uint64_t(begin); voxel < row + uint64_t(end); ++voxel) {
-        if ((HashOf(voxel) & skipped_) == 0) seen.push_back(voxel);
+        if ((HashOf(voxel) & skipped_) == 0) seen.push_back({voxel});
       }
     };
     const VoxelRange range = RangeOf(touch.box);
@@ -304,8 +352,13 @@ class Sampler {
     AddFragments(touch, fragments, rows, sums);
     cells_.ForEach(t, touch.box, [&](int64_t x, int64_t y, int64_t z) {
       const int64_t cell = x + cells_.dim(0) * (y + cells_.dim(1) * z);
-      if (!cells_.at(cell)) sums.cells.push_back(uint64_t(cell));
+      if (!cells_.at(cell)) sums.cells.push_back({uint64_t(cell)});
     });
+    const double area = touch.part.area.x + touch.part.area.y + touch.part.area.z;
+    for (auto [seen, first] : {std::pair(&sums.voxels, first_voxel), std::pair(&sums.shell, first_shell),
+                               std::pair(&sums.cells, first_cell)}) {
+      for (size_t i = first; i < seen->size(); ++i) (*seen)[i].area = area / double(seen->size() - first);
+    }
   }
 
   void Mark(const std::vector<uint64_t>& large) {
@@ -320,6 +373,12 @@ class Sampler {
     }).IgnoreError();  // the caller checks the job
   }
 
+  double CountMarked() const {
+    uint64_t marked = 0;
+    for (int64_t w = 0; w < cells_.words(); ++w) marked += uint64_t(std::popcount(cells_.word(w)));
+    return double(marked);
+  }
+
   // The fragments of conservative coverage of a triangle, on average.
   double AverageOf(const std::vector<uint64_t>& sample) const {
     double fragments = 0;
@@ -332,15 +391,19 @@ class Sampler {
     return fragments;
   }
 
-  // How many places the small triangles touch. In: those that the sample saw, as often as it did, with bits that are
-  // zero in all their hashes; how many a surface of their area touches; how many they touch one by one. Sets `places`.
-  double PlacesOf(const std::vector<uint64_t>& seen, double of_area, double of_each, Sightings& places) const {
-    for (const uint64_t place : seen) places.Add(place);
-    const auto [least, most] = places.AtLeast(rate_);
-    return std::min(of_each, std::clamp(of_area, least, kMostUneven * most));
+  // How many places the small triangles touch; absent where the sample cannot tell. In: those that it saw, as often as
+  // it did, with bits that are zero in all their hashes; how many a surface of their area touches; how many they touch
+  // one by one; how many large ones touch. Sets `places`.
+  std::optional<double> PlacesOf(const std::vector<Sighting>& seen, double of_area, double of_each, double large,
+                                 Sightings& places) const {
+    for (const Sighting& sighting : seen) places.Add(sighting);
+    const auto [least, most, bound] = places.Estimate(rate_, of_area, of_each);
+    const double known = large + kFewBoxes;
+    if (known + bound > kMostUneven * (known + most)) return std::nullopt;
+    return std::min(of_each, std::clamp(bound, least, kUneven * (least + most) / 2));
   }
 
-  Surface Join(const Picked& picked, const Sums& large, const Sums& small) const {
+  std::optional<Surface> Join(const Picked& picked, const Sums& large, const Sums& small) const {
     const double sampled = double(picked.sample.size()), weight = double(picked.small) / sampled;
     // Two standard errors more than the sample's average.
     const double mean = small.fragments / sampled, variance = std::max(0.0, small.squares / sampled - mean * mean);
@@ -359,18 +422,21 @@ class Sampler {
       for (size_t i = 0; i < large.shares.size(); ++i) {
         out.shares.push_back({large.shares[i] + more * small.shares[i], 0});
       }
-      CountBricks(weight, small, out);
+      if (!CountBricks(weight, small, out)) return std::nullopt;
       const double area = kOfArea * weight * (conservative_ ? small.area : small.main) + kFewBoxes;
       Sightings voxels(skipped_);
-      out.voxels = large.fragments + PlacesOf(small.voxels, area, more * small.fragments, voxels);
-      out.voxels = std::min({out.voxels, all, 512 * out.bricks});
+      const auto covered = PlacesOf(small.voxels, area, more * small.fragments, large.fragments, voxels);
+      if (!covered) return std::nullopt;
+      out.voxels = std::min({large.fragments + *covered, all, 512 * out.bricks});
       out.tiles = std::min(out.pairs, out.bricks);
       shell = out.voxels;
       if (HasSeparateShell(request_)) {
         Sightings touched(skipped_);
         const double each = weight * double(small.shell.size()) * double(skipped_ + 1);
         const double of_area = kOfArea * weight * small.area + kFewBoxes;
-        shell = std::min(all, large.fragments + PlacesOf(small.shell, of_area, each, touched));
+        const auto of_shell = PlacesOf(small.shell, of_area, each, large.shell_fragments, touched);
+        if (!of_shell) return std::nullopt;
+        shell = std::min(all, large.shell_fragments + *of_shell);
       }
     }
     out.filled_bricks = out.bricks;
@@ -378,7 +444,8 @@ class Sampler {
     return out;
   }
 
-  void CountBricks(double weight, const Sums& small, Surface& out) const {
+  // False where the sample cannot tell.
+  bool CountBricks(double weight, const Sums& small, Surface& out) const {
     const double bricks_of_cell = BricksOfCell(cells_);
     const auto edge = double(cells_.edge());
     const auto add = [&](uint64_t cell, double bricks) {
@@ -393,12 +460,14 @@ class Sampler {
     }
     Sightings places(0);
     const double of_area = kOfArea * weight * small.area / (edge * edge) + kFewBoxes;
-    const double cells = PlacesOf(small.cells, of_area, weight * double(small.cells.size()), places);
+    const auto cells = PlacesOf(small.cells, of_area, weight * double(small.cells.size()), CountMarked(), places);
+    if (!cells) return false;
     double kept = 0;
     places.ForEachKept([&](uint64_t) { ++kept; });
-    places.ForEachKept([&](uint64_t cell) { add(cell, cells / kept * bricks_of_cell); });
+    places.ForEachKept([&](uint64_t cell) { add(cell, *cells / kept * bricks_of_cell); });
     const double most = double(grid_.voxels()) / 512 + 1;
     out.bricks = std::min({out.bricks, double(cells_.count()) * bricks_of_cell, cells_.edge() > 8 ? most : out.bricks});
+    return true;
   }
 
   const MeshView& mesh_;
