@@ -3,8 +3,8 @@ PRESET ?= dev
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 TEST_JOBS ?= 2
 
-GPU_BUNDLE_TARGETS := cuda_parity cuda_bench cuda_devices device_parity plan_bounds voxelpipe voxelpiped mesh_fuzz parser_fuzz \
-  whole_calls
+GPU_BUNDLE_TARGETS := cuda_parity cuda_bench cuda_devices device_parity plan_bounds voxelpipe voxelpiped mesh_fuzz \
+  parser_fuzz whole_calls whole_calls_bench
 
 # Of make fuzz: by the names of tests/fuzz/parsers/parsers.cpp.
 FUZZERS ?= gltf glb draco stl ply off obj threemf image meshopt data_uri manifest options web

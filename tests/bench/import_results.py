@@ -3,8 +3,9 @@
 
 usage: import_results.py INPUT --out DIR [--machine TEXT] [--commit TEXT] [--date YYYY-MM-DD] [--method TEXT]
 
-INPUT is Google Benchmark's JSON of voxelize_bench, or the log of cuda_bench, of whole_calls, of tests/gpu/run.sh's
-section service, or of service.py: their Markdown tables and lines of stages. Each kind of table becomes a file in DIR, named after it.
+INPUT is Google Benchmark's JSON of voxelize_bench, or the log of cuda_bench, of whole_calls, of whole_calls_bench, of
+tests/gpu/run.sh's section service, or of service.py: their Markdown tables and lines of stages. Each kind of table
+becomes a file in DIR, named after it.
 Rows that were not measured (an error in place of figures) are left out, and said on stderr.
 """
 import argparse

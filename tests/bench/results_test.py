@@ -49,6 +49,12 @@ CALLS = """| call from bytes, cpu | mesh | N | ms | p10-p90 | floor | steps | as
 | bits, new, GLB | sphere1k | 64 | 0.27 | 0.26-0.28 | 0.0115 | load 0.06, flatten 0.03 | 4.77 | 0.033 |
 """
 
+LIMITS = CALLS.replace("cpu", "cuda") + """
+| whole call | mesh | N | first ms | ms | p10-p90 | stages ms | layers a slab | result MB |
+|---|---|---|---|---|---|---|---|---|
+| sparse f32 max | cow, kept | 512 | 43.29 | 0.62 | 0.61-0.65 | fine_raster 0.41, plan 0.00 | 512 | 6.3 |
+"""
+
 GOOGLE = {"benchmarks": [
     {"name": "cow/thin/128/manual", "wall": 1.234, "wall_p10": 1.2, "wall_p90": 1.3, "cpu": 2, "cpu_min": 1.5,
      "occupied": 7.0, "floor": 0.12345, "stage.plan": 0.25},
@@ -140,6 +146,13 @@ class Import(unittest.TestCase):
         self.assertEqual(made["cpu-whole-calls"]["rows"], [
             {"case": "bits, new, GLB", "mesh": "sphere1k", "N": 64, "ours": 0.27, "p10": 0.26, "p90": 0.28,
              "theirs": 0.0115, "steps": "load 0.06, flatten 0.03", "assimp": 4.77, "result_mb": 0.033}])
+
+    def test_whole_calls_beside_limits(self):
+        made, _ = self.made(LIMITS)
+        self.assertEqual(made["gpu-limits"]["rows"], [
+            {"case": "sparse f32 max", "mesh": "cow, kept", "N": 512, "first_ms": 43.29, "ours": 0.62, "p10": 0.61,
+             "p90": 0.65, "stages_ms": "fine_raster 0.41, plan 0.00", "layers_a_slab": 512, "result_mb": 6.3}])
+        self.assertEqual(len(made["gpu-whole-calls"]["rows"]), 1)  # a log of both, as run.sh writes it
 
     def test_the_service_beside_grpc(self):
         dense, refused = self.made(GRPC_TABLE)[0]["service"]["rows"]

@@ -13,7 +13,7 @@ rm -rf "$out"
 mkdir -p "$out/bin" "$out/lib" "$out/models"
 binaries=()
 for name in cuda_parity cuda_bench cuda_devices device_parity plan_bounds voxelpipe voxelpiped mesh_fuzz parser_fuzz \
-  whole_calls; do
+  whole_calls whole_calls_bench; do
   if [[ -x "$build_dir/bin/$name" ]]; then binaries+=("$build_dir/bin/$name"); fi
 done
 cp "${binaries[@]}" "$out/bin/"

@@ -11,7 +11,7 @@
 #   server    voxelpiped on the GPU, its results' hash
 #   service   load on voxelpiped: small jobs with and without batches, on the GPU and on the CPU
 #   bench     the table, stage times, whole calls
-#   calls     from a mesh file's bytes to the result, step by step
+#   calls     from a mesh file's bytes to the result, step by step; from a mesh in memory, at sizes beside limits
 #   plans     what runs take of host and device against their plans
 #   meshes    parity on the benchmark's meshes at 512^3 and 1024^3
 #   profile   Nsight Compute on the largest rows
@@ -225,7 +225,12 @@ bench() {
 }
 
 calls() {
-  timeout "$(limit 300)" "$bin/whole_calls" --backend cuda
+  local result=0
+  timeout "$(limit 300)" "$bin/whole_calls" --backend cuda || result=$?
+  echo # a table ends where no line follows it
+  timeout "$(limit 200)" "$bin/whole_calls_bench" --repeats 20 "${mesh_options[@]}" ||
+    result=$((result == 0 ? $? : result))
+  return "$result"
 }
 
 # save_results SECTION: the tables of its log as JSON files in LOG_DIR/results (tests/bench/bench_file.py).
@@ -264,7 +269,9 @@ run_section() {
 }
 
 sections=("$@")
-if ((${#sections[@]} == 0)); then sections=(parity sanitize sanitize_large device cli server devices service bench calls plans meshes profile); fi
+if ((${#sections[@]} == 0)); then
+  sections=(parity sanitize sanitize_large device cli server devices service bench calls plans meshes profile)
+fi
 together=()
 alone=()
 for section in "${sections[@]}"; do
