@@ -11,7 +11,7 @@ pipeline counts, the least of R runs. Prints a table: the least and the median o
 over theirs within a round with its extremes (below 1: ours is quicker). Results that are not the same bytes are marked.
 With --out, FOLDER/cpu-beside-NAME.json holds the figures for each NAME (bench_file.py).
 
-Exit: 0, or 1 if a program failed on a row that another one ran.
+Exit: 0, or 1 if a program failed on a row; the other rows are measured and written all the same.
 """
 import argparse
 import datetime
