@@ -60,6 +60,7 @@ TWELVE = (
     ("GPU: textured GLB of 2 M triangles to colours, 512",
      ("gpu-whole-calls", "sparse u8x4 replace base_color, new, textured GLB", "sphere2M", 512)),
 )
+NONE = "-"  # in place of a figure, so that those of a row of the page stay in their order
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#666666", "#000000")
 
 
@@ -93,10 +94,11 @@ def first_page(files):
                 continue
             found = True
             ratios = [bench_file.ratio(results, row) for row in rows]
-            peers = {bench_file.of(results, row, "peer", "") for row in rows if "theirs" in row}
-            cells = [name, " / ".join(number(row["ours"]) for row in rows) + " " + results["unit"], ", ".join(peers),
-                     " / ".join(number(row["theirs"]) for row in rows if "theirs" in row),
-                     " / ".join(factor(ratio) for ratio in ratios if ratio is not None), results["commit"]]
+            peers = dict.fromkeys(bench_file.of(results, row, "peer", "") for row in rows if "theirs" in row)
+            cells = [name, " / ".join(number(row["ours"]) for row in rows) + " " + results["unit"],
+                     ", ".join(peers) or NONE,
+                     " / ".join(number(row["theirs"]) if "theirs" in row else NONE for row in rows),
+                     " / ".join(NONE if ratio is None else factor(ratio) for ratio in ratios), results["commit"]]
             lines.append("| " + " | ".join(cells) + " |")
         if not found:
             lines.append(f"| {name} | not measured | | | | |")

@@ -80,6 +80,12 @@ class Page(unittest.TestCase):
             "| CPU: bits, 512 / 64 | 50.0 / 10.0 ms | B | 100.0 / 20.0 | 2 / 2 | c |",
             "| CPU: triangle ids, 512 | not measured | | | | |"])
 
+    def test_the_first_page_pairs_figures_where_one_has_no_peer(self):
+        rows = [{"case": "bits", "mesh": "sphere1M", "N": 512, "ours": 50.0},
+                {"case": "bits", "mesh": "sphere1M", "N": 64, "ours": 10.0, "theirs": 20.0}]
+        made = make_results.first_page([("results/cpu-beside-A.json", results(rows, peer="A"))])
+        self.assertIn("| CPU: bits, 512 / 64 | 50.0 / 10.0 ms | A | - / 20.0 | - / 2 | c |", made)
+
     def test_an_experiment_has_a_title_and_a_decision(self):
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "007-bricks.md")
