@@ -172,8 +172,8 @@ def main(arguments):
                 "machine": given.machine,
                 "method": f"`compare_programs.py`, the programs in turns: {given.rounds} rounds, --repeat "
                           f"{given.repeat}, --threads {given.threads}, --simd {given.simd}. CPU time of the pipeline, "
-                          "mesh in memory to result in memory, clearing included, the least of all runs. The grid is a cube. "
-                          "of_its_time: ours over its within a round, the median.",
+                          "mesh in memory to result in memory, clearing included, the least of all runs. The grid is "
+                          "a cube. of_its_time: ours over its within a round, the median.",
                 "unit": "CPU ms", "better": "lower", "peer": name, "rows": made})
     failed = [f"{row[0]} {row[1]} {row[3]}: {name}" for i, row in enumerate(rows) for name in ("ours", *dict(given.old))
               if runs[i, name] is None]

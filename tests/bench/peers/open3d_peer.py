@@ -84,8 +84,8 @@ def main():
     results = {
         "title": "CPU beside Open3D, one thread", "date": str(datetime.date.today()), "commit": given.commit,
         "machine": given.machine,
-        "method": f"`peers/open3d_peer.py`: the least of {REPEATS} runs. Ours: u8x4 average base_color, sparse, textured; "
-                  "of the load wall time on one thread. Its: colours of vertices.",
+        "method": f"`peers/open3d_peer.py`: the least of {REPEATS} runs. Ours: u8x4 average base_color, sparse, "
+                  "textured; of the load wall time on one thread. Its: colours of vertices.",
         "unit": "CPU ms", "better": "lower", "peer": f"Open3D {open3d.__version__}",
         "rows": measure(open3d, given)}
     print(bench_file.to_text(results))
