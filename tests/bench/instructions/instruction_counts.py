@@ -2,12 +2,12 @@
 """usage: instruction_counts.py PROGRAM BUILD [--update] [--row NAME]...
 
 Counts the instructions of the rows of PROGRAM (instruction_rows) under valgrind and compares them with
-instruction_counts.json, which was made with the same BUILD (compiler, its version, processor, kind of build). Only
+instruction_counts.json, which was made with the same BUILD (compiler, oneTBB, Highway, processor, kind of build). Only
 instructions of our own binaries count: those of libc, oneTBB, libpng and so on depend on the machine, and are left out,
 so a copy or a clearing by libc is not seen here. --update writes the file instead; --row counts some rows only.
 
-Exit: 0 all rows are within TOLERANCE of their numbers; 1 a row is not, which is named; 77, with the reason, where
-valgrind is missing or the numbers are of another build.
+Exit: 0 all rows are within TOLERANCE of their numbers; 1 a row is not, which is named; 2 the arguments are wrong, as
+where the file has no such row; 77, with the reason, where valgrind is missing or the numbers are of another build.
 """
 import argparse
 import json
@@ -88,9 +88,11 @@ def main(arguments):
     given = parser.parse_args(arguments)
     if given.update and given.row:
         parser.error("--update counts all rows")
+    known = json.loads(NUMBERS.read_text(encoding="utf-8")) if NUMBERS.exists() else {"build": "", "instructions": {}}
+    if unknown := [name for name in given.row if name not in known["instructions"]]:
+        parser.error(f"{NUMBERS.name} has no row {', '.join(unknown)}")
     if shutil.which("valgrind") is None:
         return skip("valgrind is not installed (docker/packages-valgrind.txt)")
-    known = json.loads(NUMBERS.read_text(encoding="utf-8")) if NUMBERS.exists() else {"build": "", "instructions": {}}
     if not given.update and known["build"] != given.build:
         return skip(f"the numbers are of another build: {known['build']}; this is {given.build}")
     try:

@@ -1,4 +1,6 @@
 """The parts of instruction_counts.py that need no valgrind."""
+import contextlib
+import io
 import unittest
 
 import instruction_counts
@@ -43,6 +45,13 @@ class Test(unittest.TestCase):
             "less: -4.0 % (1,000 -> 960 instructions)",
             "more: +3.5 % (1,000 -> 1,035 instructions)",
         ])
+
+    def test_a_row_that_the_file_does_not_have_is_an_error(self):
+        said = io.StringIO()
+        with contextlib.redirect_stderr(said), self.assertRaises(SystemExit) as left:
+            instruction_counts.main(["no_program", "no build", "--row", "no such row"])
+        self.assertEqual(left.exception.code, 2)
+        self.assertIn("has no row no such row", said.getvalue())
 
 
 if __name__ == "__main__":

@@ -3,7 +3,11 @@
 // usage: instruction_rows [ROW...]     all rows without any; prints each row's name and how much it made
 //
 // Under callgrind (--instr-atstart=no) a dump of that name holds the counts of the row alone. Each row runs once before
-// that, so that pools of pages are warm. Exit 3: a row needs an instruction set that this machine does not have.
+// that, so that pools of pages are warm.
+// Exit: 0, 1 where a row failed, 2 where there is no such row, 3 where all passed but those that need an instruction
+// set which this machine does not have.
+#include <tbb/task_arena.h>
+
 #include <algorithm>
 #include <cstdio>
 #include <functional>
@@ -13,6 +17,7 @@
 #include "bench/inputs/attributes.h"
 #include "bench/inputs/mesh_files.h"
 #include "bench/meshes.h"
+#include "cpu/rows/row_kernels.h"
 #include "load/decode/mips.h"
 #include "load/load_mesh.h"
 #include "mesh/views/material_views.h"
@@ -29,6 +34,7 @@ namespace {
 struct Row {
   std::string name;
   std::function<absl::StatusOr<uint64_t>()> run;  // out: what it made; 0 is a failure
+  SimdChoice simd = SimdChoice::kAuto;            // what the machine has to have
 };
 
 // Large triangles, eight of them over each other: shading is most of the work.
@@ -76,7 +82,8 @@ class Rows {
     request.threads = 1;
     request.simd = simd_;
     change(request);
-    rows_.push_back({std::string(Name(simd_)) + "/" + name, [&mesh, request] { return Occupied(mesh, request); }});
+    rows_.push_back(
+        {std::string(Name(simd_)) + "/" + name, [&mesh, request] { return Occupied(mesh, request); }, simd_});
   }
 
   void AddTarget(const char* name, const TriangleMesh& mesh, ResultKind kind, VoxelFormat format, int components,
@@ -143,20 +150,31 @@ absl::StatusOr<uint64_t> Sample(const TriangleMesh& mesh) {
   return light;
 }
 
+// In an arena of one thread: in others the pieces of a parallel loop, and so its count, follow the number of cores.
+template <typename Work>
+absl::StatusOr<uint64_t> OnOneThread(const Work& work) {
+  tbb::task_arena arena(1);
+  return arena.execute(work);
+}
+
 std::vector<Row> AllRows(const Meshes& meshes) {
   std::vector<Row> rows;
   for (const SimdChoice simd : {SimdChoice::kScalar, SimdChoice::kAvx2}) Rows(meshes, simd, rows).AddAll();
-  rows.push_back({"load and flatten a GLB", [&meshes] { return LoadAndFlatten(meshes.file); }});
-  rows.push_back({"levels of a texture", [&meshes] { return MakeMips(*meshes.textured.images[0]); }});
+  rows.push_back(
+      {"load and flatten a GLB", [&meshes] { return OnOneThread([&meshes] { return LoadAndFlatten(meshes.file); }); }});
+  rows.push_back({"levels of a texture",
+                  [&meshes] { return OnOneThread([&meshes] { return MakeMips(*meshes.textured.images[0]); }); }});
   rows.push_back({"filter of a texture", [&meshes] { return Sample(meshes.textured); }});
   return rows;
 }
 
+int Fail(const Row& row, const absl::Status& why) {
+  std::fprintf(stderr, "%s: %s\n", row.name.c_str(), why.ToString().c_str());
+  return 1;
+}
+
 int Run(const Row& row) {
-  if (const absl::StatusOr<uint64_t> warm = row.run(); !warm.ok()) {
-    std::fprintf(stderr, "%s: %s\n", row.name.c_str(), warm.status().ToString().c_str());
-    return absl::IsFailedPrecondition(warm.status()) ? 3 : 1;
-  }
+  if (const absl::StatusOr<uint64_t> warm = row.run(); !warm.ok()) return Fail(row, warm.status());
 #ifdef VOXELPIPE_VALGRIND
   CALLGRIND_ZERO_STATS;
   CALLGRIND_START_INSTRUMENTATION;
@@ -166,18 +184,30 @@ int Run(const Row& row) {
   CALLGRIND_STOP_INSTRUMENTATION;
   CALLGRIND_DUMP_STATS_AT(row.name.c_str());
 #endif
+  if (!counted.ok()) return Fail(row, counted.status());
   std::printf("%s: %llu\n", row.name.c_str(), static_cast<unsigned long long>(*counted));
   return *counted > 0 ? 0 : 1;
 }
 
 int Main(const std::vector<std::string>& wanted) {
   const Meshes meshes;
-  int code = 0;
-  for (const Row& row : AllRows(meshes)) {
-    if (wanted.empty() || std::find(wanted.begin(), wanted.end(), row.name) != wanted.end())
-      code = std::max(code, Run(row));
+  const std::vector<Row> rows = AllRows(meshes);
+  for (const std::string& name : wanted) {
+    if (std::any_of(rows.begin(), rows.end(), [&name](const Row& row) { return row.name == name; })) continue;
+    std::fprintf(stderr, "instruction_rows: no row %s\n", name.c_str());
+    return 2;
   }
-  return code;
+  bool failed = false, left_out = false;
+  for (const Row& row : rows) {
+    if (!wanted.empty() && std::find(wanted.begin(), wanted.end(), row.name) == wanted.end()) continue;
+    if (const auto kernels = cpu::SelectRowKernels(row.simd); !kernels.ok()) {
+      std::fprintf(stderr, "%s: left out: %s\n", row.name.c_str(), kernels.status().ToString().c_str());
+      left_out = true;
+    } else if (Run(row) != 0) {
+      failed = true;
+    }
+  }
+  return failed ? 1 : left_out ? 3 : 0;
 }
 
 }  // namespace
