@@ -86,9 +86,10 @@ struct Worker {
 
 // Counts the fragments of a triangle of the tile.
 void CountFragments(const RunState& state, Worker& worker, uint32_t triangle, std::span<const TileSpan> spans) {
-  for (const TileSpan span : spans) worker.fragments += uint64_t(span.last() - span.first() + 1);
-  if (worker.any_always_present) {
-    for (const TileSpan span : spans) worker.coverage[size_t(span.row())] |= span.mask();
+  const uint32_t covers = worker.any_always_present ? ~0u : 0;
+  for (const TileSpan span : spans) {
+    worker.fragments += uint64_t(span.last() - span.first() + 1);
+    worker.coverage[size_t(span.row())] |= span.mask() & covers;
   }
   if (worker.owned) {
     const uint32_t rank = state.view.parts[PartOf(state.view, triangle)].rank;

@@ -40,6 +40,7 @@ void ShadedTargets::Add(uint32_t triangle, std::span<const TileSpan> spans) {
     EnterPartOf(triangle);
   }
   if (same_ != 0) BlendSame(triangle, spans);
+  if (varying_ == 0 && !winners_) return;
   bool added = varying_ == 0;
   for (const TileSpan span : spans) {
     const size_t row = size_t(span.row());
