@@ -400,7 +400,8 @@ class Sampler {
     const auto [least, most, bound] = places.Estimate(rate_, of_area, of_each);
     const double known = large + kFewBoxes;
     if (known + bound > kMostUneven * (known + most)) return std::nullopt;
-    return std::min(of_each, std::clamp(bound, least, kUneven * (least + most) / 2));
+    const double low = (least + most) / 2;
+    return std::min(of_each, std::clamp(bound, low, kUneven * low));
   }
 
   std::optional<Surface> Join(const Picked& picked, const Sums& large, const Sums& small) const {
@@ -427,6 +428,10 @@ class Sampler {
       Sightings voxels(skipped_);
       const auto covered = PlacesOf(small.voxels, area, more * small.fragments, large.fragments, voxels);
       if (!covered) return std::nullopt;
+      // Triangles that lie apart have a brick each and may have no area: beside few voxels that have most of the
+      // triangles, the voxels say nothing of them.
+      const double places = large.fragments + *covered + kFewBoxes;
+      if (std::min(out.fragments, places + out.bricks) > kMostUneven * places) return std::nullopt;
       out.voxels = std::min({large.fragments + *covered, all, 512 * out.bricks});
       out.tiles = std::min(out.pairs, out.bricks);
       shell = out.voxels;

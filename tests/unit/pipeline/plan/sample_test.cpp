@@ -145,6 +145,13 @@ std::vector<Case> Cases() {
   std::vector<std::array<Vec3d, 3>> room = Sheet({0, 0, 8}, {600, 0, 20}, {0, 600, 30}, 300, dice);
   for (const auto& t : Sheet({100, 100, 80}, {60, 0, 5}, {0, 60, 3}, 400, dice)) room.push_back(t);
   cases.push_back({"room with a statue", Loose(room), UnitGrid(640, 640, 128)});
+  // Dust instead of the room.
+  std::vector<std::array<Vec3d, 3>> dust = Sheet({100, 100, 80}, {60, 0, 5}, {0, 60, 3}, 400, dice);
+  for (int i = 0; i < 40'000; ++i) {
+    const Vec3d p = dice.Point(0, 600);
+    dust.push_back({p, p + dice.Point(-0.01, 0.01), p + dice.Point(-0.01, 0.01)});
+  }
+  cases.push_back({"dust with a statue", Loose(dust), UnitGrid(600, 600, 600), false});
   // Large triangles in one place, among details.
   std::vector<std::array<Vec3d, 3>> walls(scene.begin() + 1, scene.begin() + 10'000);
   for (int i = 0; i < 300; ++i) walls.push_back({Vec3d{30, 40, 50}, {130, 50, 60}, {60, 140, 150}});
@@ -176,7 +183,7 @@ TEST(SampleTest, SaysAboutWhatALookAtAllTrianglesSays) {
       ExpectAbout(some.layers, all.layers, 1.1, what + ", layers");
       ExpectAbout(some.crossings, all.crossings, 1.1, what + ", crossings");
       ExpectAbout(some.voxels, voxels, 1.6, what + ", voxels");
-      ExpectAbout(some.bricks, all.bricks, 1.4, what + ", bricks");
+      ExpectAbout(some.bricks, all.bricks, 1.5, what + ", bricks");
     }
   }
 }
