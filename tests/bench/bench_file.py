@@ -14,6 +14,7 @@ A file is an object:
     others          any further figures and texts by name, e.g. occupied (voxels; must be equal to be comparable)
 """
 import json
+import os
 
 TEXTS = ("title", "date", "commit", "machine", "method", "unit")
 BETTER = ("lower", "higher", "equal")
@@ -103,7 +104,8 @@ def to_text(results):
 
 
 def write(path, results):
-    """Writes checked results."""
+    """Writes checked results; makes the folder."""
     check(results, path)
+    os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
     with open(path, "w", encoding="utf-8") as file:
         file.write(to_text(results))
