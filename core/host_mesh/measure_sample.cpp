@@ -39,7 +39,7 @@ constexpr double kMaxLayers = 2;         // ... or of so many on each other in t
 constexpr double kMaxCounted = 1 << 16;  // voxels of the sample that are counted; of more, a part
 // Of the low estimate: what is taken at most, and where the high one must be. Beyond it the surface may coincide with
 // itself everywhere or in parts, and a sample does not tell the two apart.
-constexpr double kUneven = 1.5, kMostUneven = 2;
+constexpr double kMaxTakenRatio = 1.5, kMaxBoundRatio = 2;
 constexpr double kOfArea = 1.12, kFewBoxes = 64;  // boxes that a surface touches (plan/surface.cpp)
 
 uint64_t HashOf(uint64_t key) {  // the finalizer of MurmurHash3 (A. Appleby, 2011)
@@ -399,9 +399,9 @@ class Sampler {
     for (const Sighting& sighting : seen) places.Add(sighting);
     const auto [least, most, bound] = places.Estimate(rate_, of_area, of_each);
     const double known = large + kFewBoxes;
-    if (known + bound > kMostUneven * (known + most)) return std::nullopt;
+    if (known + bound > kMaxBoundRatio * (known + most)) return std::nullopt;
     const double low = (least + most) / 2;
-    return std::min(of_each, std::clamp(bound, low, kUneven * low));
+    return std::min(of_each, std::clamp(bound, low, kMaxTakenRatio * low));
   }
 
   std::optional<Surface> Join(const Picked& picked, const Sums& large, const Sums& small) const {
@@ -431,7 +431,7 @@ class Sampler {
       // Triangles that lie apart have a brick each and may have no area: beside few voxels that have most of the
       // triangles, the voxels say nothing of them.
       const double places = large.fragments + *covered + kFewBoxes;
-      if (std::min(out.fragments, places + out.bricks) > kMostUneven * places) return std::nullopt;
+      if (std::min(out.fragments, places + out.bricks) > kMaxBoundRatio * places) return std::nullopt;
       out.voxels = std::min({large.fragments + *covered, all, 512 * out.bricks});
       out.tiles = std::min(out.pairs, out.bricks);
       shell = out.voxels;

@@ -28,6 +28,7 @@
 #include "bench/inputs/attributes.h"
 #include "bench/inputs/compressed_files.h"
 #include "bench/inputs/mesh_files.h"
+#include "bench/inputs/one_target.h"
 #include "bench/meshes.h"
 #include "bench/peers/assimp_peer.h"
 #include "load/load_mesh.h"
@@ -67,13 +68,7 @@ struct Row {
 };
 
 VoxelizeRequest Make(ResultKind result, VoxelFormat format, int components, Blend blend, const char* shader) {
-  VoxelizeRequest request;
-  TargetSpec& target = request.targets[0];
-  target.format = format;
-  target.components = components;
-  target.blend = blend;
-  target.shader.name = shader;
-  request.result = result;
+  VoxelizeRequest request = OneTarget(format, components, blend, shader, result);
   request.grid.fit = GridFit::kCube;
   return request;
 }

@@ -144,7 +144,7 @@ void CopyHere(uint8_t* to, const uint8_t* from, uint64_t bytes) {
   });
 }
 
-// A piece of a result on its way through pinned memory.
+// A block of pinned memory through which a part of a result is copied.
 struct Piece {
   Piece() = default;
   Piece(const Piece&) = delete;

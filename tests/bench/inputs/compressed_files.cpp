@@ -9,12 +9,14 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "support/meshes/draco_vectors.h"
 #include "support/meshes/glb_builder.h"
 
 namespace voxelpipe::bench {
 namespace {
 
 using nlohmann::json;
+using testing::AddVectors;
 using testing::GlbBuilder;
 
 constexpr double kSteps = 65535;
@@ -69,16 +71,6 @@ std::vector<uint8_t> EncodeVertices(const std::vector<T>& values) {
   std::vector<uint8_t> bytes(meshopt_encodeVertexBufferBound(values.size(), sizeof(T)));
   bytes.resize(meshopt_encodeVertexBuffer(bytes.data(), bytes.size(), values.data(), values.size(), sizeof(T)));
   return bytes;
-}
-
-int AddVectors(draco::Mesh& mesh, draco::GeometryAttribute::Type type, const std::vector<Vec3f>& values) {
-  draco::GeometryAttribute attribute;
-  attribute.Init(type, nullptr, 3, draco::DT_FLOAT32, false, 3 * sizeof(float), 0);
-  const int id = mesh.AddAttribute(attribute, true, uint32_t(values.size()));
-  for (size_t i = 0; i < values.size(); ++i) {
-    mesh.attribute(id)->SetAttributeValue(draco::AttributeValueIndex(uint32_t(i)), &values[i]);
-  }
-  return id;
 }
 
 }  // namespace

@@ -29,6 +29,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "absl/strings/str_split.h"
+#include "bench/inputs/one_target.h"
 #include "gpu/cases/bench_meshes.h"
 #include "pipeline/stages/backend.h"
 #include "pipeline/voxelize.h"
@@ -62,25 +63,14 @@ struct Row {
   VoxelizeRequest request;
 };
 
-VoxelizeRequest One(VoxelFormat format, int components, Blend blend, const char* shader, ResultKind result) {
-  VoxelizeRequest request;
-  TargetSpec& target = request.targets[0];
-  target.format = format;
-  target.components = components;
-  target.blend = blend;
-  target.shader.name = shader;
-  request.result = result;
-  return request;
-}
-
 std::vector<Row> Rows(bool small) {
   constexpr auto f32 = VoxelFormat::kF32;
   const auto dense = ResultKind::kDense, sparse = ResultKind::kSparse;
-  const VoxelizeRequest ids = One(f32, 1, Blend::kMax, "triangle_id", sparse);
-  const VoxelizeRequest normals = One(f32, 3, Blend::kReplace, "normal", sparse);
-  const VoxelizeRequest average = One(f32, 3, Blend::kAverage, "normal", sparse);
-  const VoxelizeRequest colors = One(VoxelFormat::kU8, 4, Blend::kReplace, "base_color", sparse);
-  const VoxelizeRequest dense_ids = One(f32, 1, Blend::kMax, "triangle_id", dense);
+  const VoxelizeRequest ids = bench::OneTarget(f32, 1, Blend::kMax, "triangle_id", sparse);
+  const VoxelizeRequest normals = bench::OneTarget(f32, 3, Blend::kReplace, "normal", sparse);
+  const VoxelizeRequest average = bench::OneTarget(f32, 3, Blend::kAverage, "normal", sparse);
+  const VoxelizeRequest colors = bench::OneTarget(VoxelFormat::kU8, 4, Blend::kReplace, "base_color", sparse);
+  const VoxelizeRequest dense_ids = bench::OneTarget(f32, 1, Blend::kMax, "triangle_id", dense);
   std::vector<Row> rows;
   const auto add = [&](const char* name, const char* mesh, int64_t n, bool kept, const VoxelizeRequest& request) {
     rows.push_back({name, small ? "bunny" : mesh, small ? 32 : n, kept, request});

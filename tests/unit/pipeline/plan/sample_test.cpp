@@ -12,34 +12,19 @@
 #include "mesh/content_id.h"
 #include "pipeline/plan/surface.h"
 #include "pipeline/stages/backend.h"
-#include "pipeline/stages/bind.h"
-#include "pipeline/stages/stages.h"
 #include "support/meshes/meshes.h"
 #include "support/run.h"
+#include "unit/pipeline/plan/measured_surface.h"
 
 namespace voxelpipe {
 namespace {
 
 using testing::FloatTarget;
 using testing::MakeMesh;
+using testing::MeasuredSurface;
 using testing::RunPipeline;
 using testing::TargetOf;
 using testing::UnitGrid;
-
-Surface Measure(const TriangleMesh& mesh, const VoxelizeRequest& request, bool closely) {
-  const Backend& cpu = **SelectBackend(BackendChoice::kCpu);
-  const BoundRequest bound = *BindRequest(JobContext(), mesh, request);
-  const JobContext job;
-  absl::StatusOr<Surface> surface = absl::UnknownError("not run");
-  cpu.Run(request.threads, [&] {
-    auto stages = cpu.Start(mesh, bound, job);
-    const absl::StatusOr<MeshExtent> extent = (*stages)->VertexShade();
-    const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *extent};
-    surface = (*stages)->Measure(*FitGrid(request.grid, extent->box), size, closely);
-  });
-  EXPECT_TRUE(surface.ok()) << surface.status();
-  return *surface;
-}
 
 // Triangles that share no vertices.
 TriangleMesh Loose(const std::vector<std::array<Vec3d, 3>>& triangles) {
@@ -174,7 +159,7 @@ TEST(SampleTest, SaysAboutWhatALookAtAllTrianglesSays) {
       const double voxels = double(RunPipeline(c.mesh, request).stats.occupied);
       request.result = ResultKind::kSparse;
       request.targets = {FloatTarget(4, Blend::kReplace, {"position", {}})};
-      const Surface some = Measure(c.mesh, request, false), all = Measure(c.mesh, request, true);
+      const Surface some = MeasuredSurface(c.mesh, request, false), all = MeasuredSurface(c.mesh, request, true);
       const std::string what = absl::StrCat(c.name, " ", std::string(Name(coverage)));
       EXPECT_FALSE(c.sampled && some.closely) << what;
       ExpectAbout(some.fragments, all.fragments, 1.2, what + ", fragments");
@@ -194,7 +179,7 @@ TEST(SampleTest, OfADenseResultSaysWhatMemoryIsTakenFor) {
     request.grid = c.grid;
     request.fill = Fill::kParity;
     request.targets = {FloatTarget(1, Blend::kMax, {"occupancy", {}})};
-    const Surface some = Measure(c.mesh, request, false), all = Measure(c.mesh, request, true);
+    const Surface some = MeasuredSurface(c.mesh, request, false), all = MeasuredSurface(c.mesh, request, true);
     ExpectAbout(some.pairs, all.pairs, 1.25, c.name + ", pairs", 10'000);
     ExpectAbout(some.crossings, all.crossings, 1.25, c.name + ", crossings");
     EXPECT_GE(some.layers * 1.25, all.layers) << c.name;
@@ -216,7 +201,7 @@ TEST(SampleTest, OfAFloodCountsTheShellOfLargeTriangles) {
     request.result = ResultKind::kSparse;
     request.coverage = coverage;
     request.fill = Fill::kFlood;
-    const Surface some = Measure(mesh, request, false), all = Measure(mesh, request, true);
+    const Surface some = MeasuredSurface(mesh, request, false), all = MeasuredSurface(mesh, request, true);
     const std::string what(Name(coverage));
     EXPECT_FALSE(some.closely) << what;
     ExpectAbout(some.inside, all.inside, 1.25, what + ", inside");
@@ -229,7 +214,7 @@ TEST(SampleTest, OfVoxelsAlmostAsSmallAsNumbersCanBeLooksAtAllTriangles) {
   VoxelizeRequest request;
   request.grid.resolution = 100;
   request.result = ResultKind::kSparse;
-  EXPECT_TRUE(Measure(mesh, request, false).closely);
+  EXPECT_TRUE(MeasuredSurface(mesh, request, false).closely);
 }
 
 TEST(SampleTest, IsTheSameForAnyNumberOfThreads) {
@@ -238,9 +223,9 @@ TEST(SampleTest, IsTheSameForAnyNumberOfThreads) {
   request.grid.resolution = 200;
   request.result = ResultKind::kBuckets;
   request.threads = 1;
-  const Surface one = Measure(mesh, request, false);
+  const Surface one = MeasuredSurface(mesh, request, false);
   request.threads = 4;
-  const Surface four = Measure(mesh, request, false);
+  const Surface four = MeasuredSurface(mesh, request, false);
   EXPECT_EQ(one.fragments, four.fragments);
   EXPECT_EQ(one.rows, four.rows);
   EXPECT_EQ(one.voxels, four.voxels);
@@ -255,26 +240,27 @@ TEST(KeptSurfacesTest, AMeshThatIsKeptIsMeasuredOnceAGrid) {
   TriangleMesh large = testing::Torus(20), small = testing::Torus(10);
   for (Vec3d& p : large.positions) p = (p + Vec3d{2, 2, 2}) * 15.0;
   for (Vec3d& p : small.positions) p = (p + Vec3d{2, 2, 2}) * 5.0;
-  const double of_large = Measure(large, request, true).fragments, of_small = Measure(small, request, true).fragments;
+  const double of_large = MeasuredSurface(large, request, true).fragments,
+               of_small = MeasuredSurface(small, request, true).fragments;
   ASSERT_GT(of_large, of_small);
   large.content_id = small.content_id = "kept by this test";
-  EXPECT_EQ(Measure(large, request, true).fragments, of_large);
-  EXPECT_EQ(Measure(small, request, true).fragments, of_large);
+  EXPECT_EQ(MeasuredSurface(large, request, true).fragments, of_large);
+  EXPECT_EQ(MeasuredSurface(small, request, true).fragments, of_large);
   request.coverage = Coverage::kThin;
-  EXPECT_LT(Measure(small, request, true).fragments, of_small);
+  EXPECT_LT(MeasuredSurface(small, request, true).fragments, of_small);
   request.coverage = Coverage::kConservative;
   request.grid = UnitGrid(64, 64, 65);
-  EXPECT_EQ(Measure(small, request, true).fragments, of_small);
+  EXPECT_EQ(MeasuredSurface(small, request, true).fragments, of_small);
   request.grid = UnitGrid(64, 64, 64);
   request.vertex_shader = {"transform", {}};
-  EXPECT_EQ(Measure(small, request, true).fragments, of_small);
+  EXPECT_EQ(MeasuredSurface(small, request, true).fragments, of_small);
   request.vertex_shader = {"identity", {}};
-  EXPECT_EQ(Measure(small, request, true).fragments, of_large);
+  EXPECT_EQ(MeasuredSurface(small, request, true).fragments, of_large);
   small.content_id = large.content_id = NewMovedId(large.content_id);
-  EXPECT_EQ(Measure(large, request, true).fragments, of_large);
-  EXPECT_EQ(Measure(small, request, true).fragments, of_small);
+  EXPECT_EQ(MeasuredSurface(large, request, true).fragments, of_large);
+  EXPECT_EQ(MeasuredSurface(small, request, true).fragments, of_small);
   small.content_id.clear();
-  EXPECT_EQ(Measure(small, request, true).fragments, of_small);
+  EXPECT_EQ(MeasuredSurface(small, request, true).fragments, of_small);
 }
 
 // Bits of occupancy need no tiles, and their layers are not measured; others of as many bytes do.
@@ -285,14 +271,14 @@ TEST(KeptSurfacesTest, BitsOfShadersAreMeasuredOfTheirOwn) {
   request.grid = UnitGrid(64, 64, 64);
   TargetSpec target = TargetOf(VoxelFormat::kBit, 1, Blend::kOr, {"base_color", {}});
   request.targets = {target};
-  const double layers = Measure(mesh, request, false).layers;
+  const double layers = MeasuredSurface(mesh, request, false).layers;
   target.shader = {"occupancy", {}};
   mesh.content_id = "its bits are kept by this test";
   request.targets = {target};
-  ASSERT_NE(Measure(mesh, request, false).layers, layers);
+  ASSERT_NE(MeasuredSurface(mesh, request, false).layers, layers);
   target.shader = {"base_color", {}};
   request.targets = {target};
-  EXPECT_EQ(Measure(mesh, request, false).layers, layers);
+  EXPECT_EQ(MeasuredSurface(mesh, request, false).layers, layers);
 }
 
 }  // namespace

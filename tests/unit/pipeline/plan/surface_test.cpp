@@ -14,6 +14,7 @@
 #include "pipeline/stages/stages.h"
 #include "support/meshes/meshes.h"
 #include "support/run.h"
+#include "unit/pipeline/plan/measured_surface.h"
 
 namespace voxelpipe {
 namespace {
@@ -23,18 +24,7 @@ using testing::RunPipeline;
 using testing::UnitGrid;
 
 Surface Measure(const TriangleMesh& mesh, const VoxelizeRequest& request) {
-  const Backend& cpu = **SelectBackend(BackendChoice::kCpu);
-  const BoundRequest bound = *BindRequest(JobContext(), mesh, request);
-  const JobContext job;
-  absl::StatusOr<Surface> surface = absl::UnknownError("not run");
-  cpu.Run(request.threads, [&] {
-    auto stages = cpu.Start(mesh, bound, job);
-    const absl::StatusOr<MeshExtent> extent = (*stages)->VertexShade();
-    const MeshSize size{mesh.triangles.size(), mesh.positions.size(), *extent};
-    surface = (*stages)->Measure(*FitGrid(request.grid, extent->box), size, true);
-  });
-  EXPECT_TRUE(surface.ok()) << surface.status();
-  return *surface;
+  return testing::MeasuredSurface(mesh, request, true);
 }
 
 VoxelizeRequest BucketRequest(GridRequest grid, Coverage coverage = Coverage::kConservative) {
